@@ -160,24 +160,18 @@ def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, in
     low, high = float(np.min(errors[usable])), float(np.max(errors[usable]))
     if high - low <= clear * max(low, 0.0) + 1e-12 * scale:
         return 0, 0
-    good = np.flatnonzero(errors <= low + NEAR_LEAST * (high - low))
-    centre = int(good[np.argmin(np.abs(good - most))])
-    first = last = centre
-    while first - 1 in good:
-        first -= 1
-    while last + 1 in good:
-        last += 1
+    good = errors <= low + NEAR_LEAST * (high - low)
+    away = np.abs(np.arange(len(errors)) - most)
+    centre = int(np.argmin(np.where(good, away, len(errors))))
+    worse = np.flatnonzero(~good)
+    first = int(np.max(worse[worse < centre], initial=-1)) + 1
+    last = int(np.min(worse[worse > centre], initial=len(errors))) - 1
     best = first + int(np.argmin(errors[first : last + 1]))
     if best in (0, len(errors) - 1):
         return 0, 0  # the minimum is outside the search
-    rise = 1
-    while (
-        best - rise > 0
-        and best + rise < len(errors) - 1
-        and min(errors[best - rise], errors[best + rise]) < low + RISE_PART * (high - low)
-    ):
-        rise += 1
-    return best - most, rise
+    side = np.arange(1, min(best, len(errors) - 1 - best) + 1)
+    risen = np.minimum(errors[best - side], errors[best + side]) >= low + RISE_PART * (high - low)
+    return best - most, int(side[np.argmax(risen) if risen.any() else -1])
 
 
 def _middle(pair: _Pair, shift: float, side: float) -> Delay:
