@@ -118,31 +118,36 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         files.check(parsed.plot)
     if parsed.data:
         destination.check(parsed.data)
+    if parsed.html:
+        from estimator_pkg.evaluation import plots
+        from estimator_pkg.evaluation.report import page
+        from estimator_pkg.evaluation.report.findings import findings
+
+        destination.check(parsed.html)
+        plots.check()
     bags = expanded(parsed.bags)
     result: dict[str, Any] = {}
     drawn: list[Comparison] = []
+    found: dict[str, Any] = {}
     left_out: list[LeftOut] = []
-    page = None
-    if parsed.html:
-        from estimator_pkg.evaluation.report.page import ReportPage
-
-        ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
-        page = ReportPage(parsed.html, len(bags), chosen.wrap_period, parsed.data, ran)
     with workers(parsed.jobs, parsed.scheduler) as run_many:
-        every = on_each(run_many, evaluate, bags, chosen, page is not None, left_out=left_out)
+        every = on_each(run_many, evaluate, bags, chosen, bool(parsed.html), left_out=left_out)
         try:
             for comparison in every:
                 with interrupts.gently():  # a bag is evaluated completely or not at all
-                    text = describe(comparison, parsed.wide, chosen.wrap_period)
+                    text, bag = (
+                        describe(comparison, parsed.wide, chosen.wrap_period),
+                        comparison.bag,
+                    )
                     print(text + '\n')
-                    result[comparison.bag] = comparison.as_dict()
-                    if page is not None:
-                        findings = page.add(comparison)
-                        result[comparison.bag]['findings'] = findings
+                    result[bag] = comparison.as_dict()
+                    if parsed.html:
+                        found[bag] = findings(comparison, chosen.wrap_period)
+                        result[bag]['findings'] = found[bag].sentences
                         said = ' '.join(text.split())
-                        new = [each for each in findings if printable(each) not in said]
+                        new = [each for each in found[bag].sentences if printable(each) not in said]
                         show(*(line for each in new for line in wrapped(f'- {each}')), '')
-                    if parsed.plot or parsed.data:
+                    if parsed.html or parsed.plot or parsed.data:
                         drawn.append(comparison)
                 if interrupts.came() and len(result) < len(bags):
                     raise KeyboardInterrupt
@@ -151,8 +156,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 raise
             interrupts.say(f'interrupted: {len(result)} of {len(bags)} bags are evaluated')
         interrupts.finish()
-    if page is not None:
-        page.write(left_out)
+    if parsed.html:
+        ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
+        page.write(parsed.html, drawn, found, ran, chosen.wrap_period, left_out, parsed.data)
         show(f'page: {parsed.html}')
     if parsed.data:
         files.write_samples(parsed.data, drawn)

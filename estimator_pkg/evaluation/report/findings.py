@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from estimator_pkg.evaluation.compare.evaluate import Comparison, Row
 from estimator_pkg.evaluation.compare.metrics import rms_at_delay
 from estimator_pkg.evaluation.text import interval, units
 from estimator_pkg.sensor.guard import WHY_DROPPED
+from estimator_pkg.streams.drive import ELECTRICAL
 
 DROPPED_CHECKS = ('repeated stamps', 'missing stamps')  # checks of samples that the guard drops
 MAIN_PART = 0.7  # a cause explains most of an error if at most this ratio remains without it,
@@ -26,18 +28,36 @@ WITHHELD_PART = 0.05  # a larger fraction of time without an estimate is reporte
 GOOD = ('tracking', 'published')  # seconds of these are seconds with an estimate
 
 
-def look(series: Series, start: int, period: float) -> Readings | None:
-    """Return a joint's readings as `doctor` checks them; None for too few.
+class Findings(NamedTuple):
+    """Sentences on a bag, and the quantum of the readings of each joint [rad or m]; 0: none."""
+
+    sentences: list[str]
+    quanta: dict[str, float]
+
+
+def findings(comparison: Comparison, period: float) -> Findings:
+    """Return the findings on a bag; `period`: wrap period of its positions [rad]; 0: none."""
+    joints = list(dict.fromkeys(row.joint for row in comparison.rows))
+    of_readings, quanta = {}, {}
+    for joint in joints:
+        series = comparison.measurement.get(joint)
+        if series is not None and not joint.endswith(ELECTRICAL):
+            seen = look(series, comparison.start(joint), period)
+            if len(seen.rows) >= FEWEST_READINGS:
+                of_readings[joint] = of_joint(comparison, joint, seen)
+                quanta[joint] = seen.own_quantum
+    return Findings(grouped(sentences(comparison, of_readings), joints), quanta)
+
+
+def look(series: Series, start: int, period: float) -> Readings:
+    """Return a joint's readings as `doctor` checks them.
 
     Parameters
     ----------
-    start : stamp of time zero [ns].
-    period : wrap period [rad]; 0: none.
+    start : stamp of time zero [ns]. period : wrap period [rad]; 0: none.
     """
     nothing = np.full(len(series.position), np.nan)
-    stamps = series.stamps_ns
-    seen = Readings('', stamps, stamps, series.position, nothing, period, start)
-    return seen if len(seen.rows) >= FEWEST_READINGS else None
+    return Readings('', series.stamps_ns, series.stamps_ns, series.position, nothing, period, start)
 
 
 def sentences(comparison: Comparison, of_readings: Mapping[str, list[str]]) -> list[str]:

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import __version__, destination, registry, streams, whole_file
+from estimator_pkg import __version__, registry, streams, whole_file
 from estimator_pkg.evaluation import pairs, plots
-from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.compare.description import cells, describe_reference
 from estimator_pkg.evaluation.compare.evaluate import RAW, Comparison, Row
 from estimator_pkg.evaluation.compare.many import LeftOut
@@ -24,11 +23,10 @@ from estimator_pkg.evaluation.parameter_file import as_yaml
 from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report.figures import noise_against_delay, over_time_of_joint
-from estimator_pkg.evaluation.report.findings import grouped, look, of_joint, sentences
+from estimator_pkg.evaluation.report.findings import Findings, grouped
 from estimator_pkg.evaluation.text import filled, for_node, number
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.progress import progress
-from estimator_pkg.streams.drive import ELECTRICAL
 
 COLUMNS = {  # of `description.cells`: unit
     **{'rms': 'rad/s', 'mean': 'rad/s', 'max': 'rad/s', 'max at': 's', 'bias': 'rad/s'},
@@ -39,162 +37,158 @@ NUMBERS = 4  # of an instant and an estimate: velocity, error, deviation, status
 NO_FINDINGS = 'no findings: no gaps, repeats or jitter, and no dominant cause of errors'
 
 
-class ReportPage:
-    """Collects bags, and writes the page.
+def write(
+    path: str,
+    comparisons: Sequence[Comparison],
+    findings: Mapping[str, Findings],
+    entries: Sequence[Entry],
+    period: float,
+    left_out: Sequence[LeftOut] = (),
+    data: str | None = None,
+) -> None:
+    """Write the page.
 
     Parameters
     ----------
-    path : of the page.
-    bags : number of bags, which share the points.
-    period : wrap period of the positions [rad].
+    findings : by bag. entries : the observers that were run, with their parameters.
+    period : wrap period of the positions [rad]. left_out : the bags that could not be evaluated.
     data : file with every sample, to which the page refers; None: none.
-    entries : the observers that were run, with their parameters.
-
-    Raises
-    ------
-    UserError : the file cannot be written, or the library is missing.
     """
-
-    def __init__(
-        self, path: str, bags: int, period: float, data: str | None, entries: Sequence[Entry]
-    ) -> None:
-        destination.check(path)
-        plots.check()
-        self._path, self._data, self._period, self._count = Path(path), data, period, max(1, bags)
-        self._entries = {entry.label: entry for entry in entries}
-        self._bags: list[dict[str, Any]] = []
-        self._drawn: list[Any] = []
-        self._sources: dict[str, None] = {}  # in the order of the first verdict
-        self._front: dict[str, None] = {}  # those that are visible at first
-
-    def write(self, left_out: Sequence[LeftOut]) -> None:
-        """Write the page; `left_out`: the bags that could not be evaluated."""
-        data = 'Every compared sample: evaluate --data FILE.'
-        if self._data is not None:
-            data = f'Every compared sample is in {Path(self._data).name} (numpy.load).'
-        text = plots.page(
-            'evaluate.html',
-            self._drawn,
-            title='Velocity estimates',
-            bags=self._bags,
-            styles=plots.styles(self._sources),
-            front=self._front,
-            left_out=left_out,
-            data=data,
-            version=__version__,
-        )
-        whole_file.write_text(self._path, text)
-
-    def add(self, comparison: Comparison) -> list[str]:
-        """Add a bag; return its findings as sentences."""
-        verdicts = comparison.verdicts
-        joints = list(dict.fromkeys(row.joint for row in comparison.rows))
-        said = [
-            f'{joint}: {text}'
-            for joint, verdict in verdicts.items()
-            if joint in joints or not joints
-            for text in verdict.sentences()
-        ]
-        bag: dict[str, Any] = {
-            'name': Path(comparison.bag).name,
-            'path': comparison.bag,
-            'truth': comparison.truth.name,
-            'faulty': any(map(_faulty, verdicts.values())),
-            'said': [text.partition(': ')[2] for text in said]
-            if len(joints) == 1
-            else grouped(said, joints or verdicts),
-        }
-        self._bags.append(bag)
-        if not joints:  # nothing was compared: the default observer
-            bag |= {'use': [] if bag['faulty'] else [f'Use {DEFAULT} as it is.'], 'errors': {}}
-            return list(comparison.refused.values())
-        rows: dict[str, list[Row]] = {}
-        best: dict[str, Row] = {}
-        seen: dict[str, Readings] = {}
-        for joint in joints:
-            own = ordered([each for each in comparison.rows if each.joint == joint], comparison)
-            best[joint] = choice(own, verdicts.get(joint))
-            raw = comparison.raw.get(joint)
-            if raw is not None and all(each.source != raw.source for each in own):
-                own = ordered([*own, raw], comparison)
-            rows[joint] = own
-            series = comparison.measurement.get(joint)
-            if series is not None and not joint.endswith(ELECTRICAL):
-                found = look(series, comparison.start(joint), self._period)
-                seen |= {} if found is None else {joint: found}
-        shown = [row.source for row in best.values()] + [RAW.label] * bool(comparison.raw)
-        self._front |= dict.fromkeys(shown)
-        self._sources |= dict.fromkeys(
-            [*shown, *(row.source for own in rows.values() for row in own)]
-        )
-        of_readings = {joint: of_joint(comparison, joint, each) for joint, each in seen.items()}
-        bag['findings'] = grouped(sentences(comparison, of_readings), joints) or [NO_FINDINGS]
-        bag['use'] = use(best, comparison, self._entries)
-        quanta = {joint: each.own_quantum for joint, each in seen.items()}
-        bag['parameters'] = parameter_file(comparison, best, self._entries, quanta, self._period)
-        bag |= self._table(comparison, rows, best)
-        self._draw(bag, comparison, rows)
-        return bag['findings']
-
-    def _table(
-        self, comparison: Comparison, rows: Mapping[str, Sequence[Row]], best: Mapping[str, Row]
-    ) -> dict[str, Any]:
-        """Return the table of the estimates, and how good their reference is."""
-        ordered = [row for own in rows.values() for row in own]
-        every = [cells(row) for row in ordered]
-        kept, texts = filled([*COLUMNS], [[each[name] for name in COLUMNS] for each in every])
-        errors: dict[str, dict[str, Any]] = {joint: {} for joint in rows}
-        for row, own, shown in zip(ordered, every, texts):
-            verdict = comparison.verdicts.get(row.joint)
-            ranked = verdict.best if verdict is not None else not row.reference_cannot_tell
-            entry = self._entries.get(row.source)
-            gains = ', '.join(f'{name} {value}' for name, value in entry.values) if entry else ''
-            errors[row.joint][row.source] = {
-                'source': row.source,
-                'best': bool(ranked) and best[row.joint] is row,
-                'small': [row.joint] * (len(rows) > 1) + [gains] * bool(gains),
-                'cells': shown,
-                'rms': own['rms'],
-            }
-        return {
-            'columns': [(title, COLUMNS[title]) for title in kept],
-            'rows': [line for of in errors.values() for line in of.values()],
-            'errors': errors,
-            'references': [describe_reference(comparison.truth, joint) for joint in rows],
-        }
-
-    def _draw(
-        self, bag: dict[str, Any], comparison: Comparison, rows: Mapping[str, Sequence[Row]]
-    ) -> None:
-        """Draw the figures; the bag has their numbers."""
-        numbers = NUMBERS * sum(1 + len(own) for own in rows.values())
-        instants = plots.MOST_NUMBERS // (self._count * numbers)
-        styles = plots.styles(self._sources)
-        bag['moving'] = max(rows, key=lambda joint: float(np.mean(rows[joint][0].truth ** 2)))
-        picture = noise_against_delay(rows[bag['moving']], styles)
-        bag['picture'] = None if picture is None else self._place(picture)
-        bag['joints'] = []
-        with progress(f'{comparison.bag}: page', len(rows)) as advance:
-            for joint, own in rows.items():
-                panels, note = over_time_of_joint(
-                    comparison, joint, own, instants, styles, self._front
+    by_label = {entry.label: entry for entry in entries}
+    rows = {each.bag: _rows(each) for each in comparisons}
+    best = {each.bag: _best(each, rows[each.bag]) for each in comparisons}
+    front = dict.fromkeys(row.source for of in best.values() for row in of.values())
+    front |= dict.fromkeys([RAW.label] if any(each.raw for each in comparisons) else [])
+    every = (row.source for of in rows.values() for own in of.values() for row in own)
+    styles = plots.styles(dict.fromkeys([*front, *every]))
+    count = sum(NUMBERS * (1 + len(own)) for of in rows.values() for own in of.values())
+    bags: list[dict[str, Any]] = []
+    drawn: list[Any] = []
+    with progress(f'{path}: page', len(comparisons)) as advance:
+        for comparison in comparisons:
+            own, chosen = rows[comparison.bag], best[comparison.bag]
+            bag = _verdict(comparison, chosen, by_label)
+            if own:
+                found = findings[comparison.bag]
+                bag['findings'] = found.sentences or [NO_FINDINGS]
+                bag['parameters'] = parameter_file(
+                    comparison, chosen, by_label, found.quanta, period
                 )
-                bag['joints'].append((joint, self._place(panels), note))
-                advance(1)
+                bag |= _table(comparison, own, chosen, by_label)
+                bag['moving'] = max(own, key=lambda joint: float(np.mean(own[joint][0].truth ** 2)))
+                picture = noise_against_delay(own[bag['moving']], styles)
+                bag['picture'] = None if picture is None else len(drawn)
+                drawn += [] if picture is None else [picture]
+                bag['joints'] = []
+                for joint, of_joint in own.items():
+                    panels, note = over_time_of_joint(
+                        comparison, joint, of_joint, plots.MOST_NUMBERS // count, styles, front
+                    )
+                    bag['joints'].append((joint, len(drawn), note))
+                    drawn.append(panels)
+            bags.append(bag)
+            advance(1)
+    text = 'Every compared sample: evaluate --data FILE.'
+    if data is not None:
+        text = f'Every compared sample is in {Path(data).name} (numpy.load).'
+    page = plots.page(
+        'evaluate.html',
+        drawn,
+        title='Velocity estimates',
+        bags=bags,
+        styles=styles,
+        front=front,
+        left_out=left_out,
+        data=text,
+        version=__version__,
+    )
+    whole_file.write_text(Path(path), page)
 
-    def _place(self, plot: Any) -> int:
-        """Add a plot; return its number on the page."""
-        self._drawn.append(plot)
-        return len(self._drawn) - 1
+
+def _rows(comparison: Comparison) -> dict[str, list[Row]]:
+    """Return the rows of each joint with the finite difference, best first."""
+    found: dict[str, list[Row]] = {}
+    for row in comparison.rows:
+        found.setdefault(row.joint, []).append(row)
+    for joint, own in found.items():
+        raw = comparison.raw.get(joint)
+        if raw is not None and all(row.source != raw.source for row in own):
+            own.append(raw)
+    return {joint: ordered(own, comparison.verdicts.get(joint)) for joint, own in found.items()}
+
+
+def _best(comparison: Comparison, rows: Mapping[str, Sequence[Row]]) -> dict[str, Row]:
+    """Return the row to use of each joint: one of those that were asked for."""
+    found = {}
+    for joint, own in rows.items():
+        asked = [row for row in own if row is not comparison.raw.get(joint)]
+        found[joint] = choice(asked, comparison.verdicts.get(joint))
+    return found
+
+
+def _verdict(
+    comparison: Comparison, best: Mapping[str, Row], entries: Mapping[str, Entry]
+) -> dict[str, Any]:
+    """Return the first screen of a bag."""
+    verdicts = comparison.verdicts
+    faulty = any(not verdict.choice for verdict in verdicts.values())
+    said = [
+        f'{joint}: {text}'
+        for joint, verdict in verdicts.items()
+        if joint in best or not best
+        for text in verdict.sentences()
+    ]
+    if len(best) == 1:
+        said = [text.partition(': ')[2] for text in said]
+    use_default = [] if best or faulty else [f'Use {DEFAULT} as it is.']
+    return {
+        'name': Path(comparison.bag).name,
+        'path': comparison.bag,
+        'truth': comparison.truth.name,
+        'faulty': faulty,
+        'use': use(best, comparison, entries) or use_default,
+        'said': grouped(said, best or verdicts),
+        'errors': {},
+    }
+
+
+def _table(
+    comparison: Comparison,
+    rows: Mapping[str, Sequence[Row]],
+    best: Mapping[str, Row],
+    entries: Mapping[str, Entry],
+) -> dict[str, Any]:
+    """Return the table of the estimates, and how good their reference is."""
+    every = [row for own in rows.values() for row in own]
+    shown = [cells(row) for row in every]
+    kept, texts = filled([*COLUMNS], [[each[name] for name in COLUMNS] for each in shown])
+    errors: dict[str, dict[str, Any]] = {joint: {} for joint in rows}
+    for row, line, text in zip(every, shown, texts):
+        verdict = comparison.verdicts.get(row.joint)
+        ranked = verdict.best if verdict is not None else not row.reference_cannot_tell
+        entry = entries.get(row.source)
+        gains = ', '.join(f'{name} {value}' for name, value in entry.values) if entry else ''
+        errors[row.joint][row.source] = {
+            'source': row.source,
+            'best': bool(ranked) and best[row.joint] is row,
+            'small': [row.joint] * (len(rows) > 1) + [gains] * bool(gains),
+            'cells': text,
+            'rms': line['rms'],
+        }
+    return {
+        'columns': [(title, COLUMNS[title]) for title in kept],
+        'rows': [line for of in errors.values() for line in of.values()],
+        'errors': errors,
+        'references': [describe_reference(comparison.truth, joint) for joint in rows],
+    }
 
 
 def _rms(row: Row) -> float:
     return float(np.nan_to_num(row.velocity['rms'], nan=math.inf))
 
 
-def ordered(rows: Sequence[Row], comparison: Comparison) -> list[Row]:
+def ordered(rows: Sequence[Row], verdict: Verdict | None) -> list[Row]:
     """Return the rows of a joint in the order of the verdict, else of their errors."""
-    verdict = comparison.verdicts.get(rows[0].joint)
     place = {name: i for i, name in enumerate(verdict.rms)} if verdict else {}
     return sorted(rows, key=lambda row: (place.get(row.source, len(place)), _rms(row)))
 
@@ -280,11 +274,6 @@ def parameter_file(
 def _to_use(row: Row, verdict: Verdict | None) -> str:
     """Return the name of the estimate to use; '': the readings must be mended first."""
     return row.source if verdict is None else verdict.choice
-
-
-def _faulty(verdict: Verdict) -> bool:
-    """Return True if nothing is recommended: the readings must be mended first."""
-    return not verdict.choice
 
 
 def _is_observer(source: str) -> bool:

@@ -379,8 +379,7 @@ def test_the_verdict_in_words():
         'Use edge_adaptive as it is. Its error is 0.02 rad/s rms, that of finite_difference 0.12.'
     ]
     verdict = Verdict('pll', 'kalman', (), {'pll': 0.1, 'edge_adaptive': 0.2})
-    comparison.verdicts = {'j': verdict}
-    rows = ordered([best, row('pll', 0.2, 0.0)], comparison)
+    rows = ordered([best, row('pll', 0.2, 0.0)], verdict)
     assert [each.source for each in rows] == ['pll', 'edge_adaptive']
     assert choice(rows, verdict).source == 'pll'
     assert choice(rows[::-1], None) is best
