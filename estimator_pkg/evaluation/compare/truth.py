@@ -101,7 +101,7 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
     bag.check_messages()
     topic = options.truth or TRUTH
     if options.truth is None and topic not in bag.topics:
-        raise UserError(f'{path}: {_no_truth(bag, path, options)}')
+        raise UserError(f'{path}: {_no_truth(bag, path, measurement, options)}')
     bag.require(topic, (TYPE,))
     series = joint_series(bag, topic)
     if has_true_samples(bag, options):
@@ -134,15 +134,15 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
     return found
 
 
-def _no_truth(bag: Bag, path: str, options: Options) -> str:
-    """Return what to do about a bag with neither a truth nor a measurement."""
+def _no_truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options) -> str:
+    """Return what to do about a bag without a truth."""
     if not options.observers and DriveStream.recognises(bag.topics.__contains__, False):
         return (
             'a drive without truth: add --observer pmsm and its motor data (--params FILE), or try '
             f"'velocity_estimator doctor {path}'"
         )
     why = f'no truth: there is no topic {TRUTH}'
-    if USUAL_MEASUREMENT in measured_topics(bag):
+    if not measurement and USUAL_MEASUREMENT in measured_topics(bag):
         why += f', and {why_none(bag, USUAL_MEASUREMENT)}'
     others = [
         name

@@ -64,30 +64,31 @@ def write(
     count = sum(NUMBERS * (1 + len(own)) for of in rows.values() for own in of.values())
     bags: list[dict[str, Any]] = []
     drawn: list[Any] = []
+
+    def place(plot: Any) -> int:
+        drawn.append(plot)
+        return len(drawn) - 1
+
     with progress(f'{path}: page', len(comparisons)) as advance:
         for comparison in comparisons:
             own, chosen = rows[comparison.bag], best[comparison.bag]
             bag = _verdict(comparison, chosen, by_label)
-            if own:
-                found = findings[comparison.bag]
-                bag['findings'] = found.sentences or [NO_FINDINGS]
-                bag['parameters'] = parameter_file(
-                    comparison, chosen, by_label, found.quanta, period
-                )
-                bag |= _table(comparison, own, chosen, by_label)
-                bag['moving'] = max(own, key=lambda joint: float(np.mean(own[joint][0].truth ** 2)))
-                picture = noise_against_delay(own[bag['moving']], styles)
-                bag['picture'] = None if picture is None else len(drawn)
-                drawn += [] if picture is None else [picture]
-                bag['joints'] = []
-                for joint, of_joint in own.items():
-                    panels, note = over_time_of_joint(
-                        comparison, joint, of_joint, plots.MOST_NUMBERS // count, styles, front
-                    )
-                    bag['joints'].append((joint, len(drawn), note))
-                    drawn.append(panels)
             bags.append(bag)
             advance(1)
+            if not own:
+                continue
+            found = findings[comparison.bag]
+            bag['findings'] = found.sentences or [NO_FINDINGS]
+            bag['parameters'] = parameter_file(comparison, chosen, by_label, found.quanta, period)
+            bag |= _table(comparison, own, chosen, by_label)
+            bag['moving'] = max(own, key=lambda joint: float(np.mean(own[joint][0].truth ** 2)))
+            picture = noise_against_delay(own[bag['moving']], styles)
+            bag['picture'] = None if picture is None else place(picture)
+            bag['joints'] = []
+            for joint, shown in own.items():
+                points = plots.MOST_NUMBERS // count
+                panels, note = over_time_of_joint(comparison, joint, shown, points, styles, front)
+                bag['joints'].append((joint, place(panels), note))
     text = 'Every compared sample: evaluate --data FILE.'
     if data is not None:
         text = f'Every compared sample is in {Path(data).name} (numpy.load).'
