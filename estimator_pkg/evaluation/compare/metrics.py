@@ -88,7 +88,12 @@ def coverage(errors: Array, stddev: Array) -> float:
 
 
 def rms_at_delay(time: Array, estimate: Array, truth: Array, late: float) -> float:
-    """Return the rms error against the truth delayed by `late` [s]; nan for no common time."""
+    """Return the rms error against the truth delayed by `late` [s]; nan for no common time.
+
+    Parameters
+    ----------
+    time, estimate, truth : shape (n,), as those of `velocity`.
+    """
     inside = (time - late >= time[0]) & (time - late <= time[-1])
     return summary(estimate[inside] - cubic(time, truth, time[inside] - late))['rms']
 

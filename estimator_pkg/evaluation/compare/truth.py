@@ -42,6 +42,7 @@ from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.progress import progress
+from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import HEADER
 from estimator_pkg.streams.drive import ELECTRICAL, DriveStream
 
@@ -276,9 +277,12 @@ def check_common(path: str, source: str, joints: Iterable[str], true: Truth) -> 
     """Raise UserError if the truth has none of these joints."""
     if set(joints) & (set(true.series) | set(true.motions)):
         return
+    hint = ''
+    if list(joints) == [AngleSettings.angle_joint] and len(true.series) == 1:
+        hint = f': --set angle_joint={next(iter(true.series))} gives the number that name'
     raise UserError(
         f'{path}: {source} has the joints {listed(joints)}, {true.name} has '
-        f'{listed({**true.series, **true.motions})}: none in common'
+        f'{listed(true.series)}: none in common{hint}'
     )
 
 
