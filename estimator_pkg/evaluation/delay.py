@@ -16,7 +16,6 @@ from blocks of time as in `evaluation.pairs`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -89,7 +88,8 @@ def measured(time: Array, estimate: Array, truth: Array) -> Delay:
     estimate, truth = estimate - level, truth - level
     hole = steps > GAP_STEPS * step
     step = max(step, float(time[-1]) / (GRID_POINTS + PER_SAMPLE * len(time)))  # of stray stamps
-    errors = _coarse(time, estimate, truth, step, int(min(longest, time[-1]) / step))
+    pair = _Pair(time, estimate, truth, hole, step)
+    errors = _coarse(pair, int(min(longest, time[-1]) / step))
     best, rise = _nearest_minimum(
         errors,
         max(CLEAR_RISE, OVER_NOISE / len(time) ** 0.5),
@@ -97,7 +97,7 @@ def measured(time: Array, estimate: Array, truth: Array) -> Delay:
     )
     if rise == 0:
         return UNKNOWN_DELAY
-    late, half = _middle(time, estimate, truth, hole, best * step, rise * step, step)
+    late, half = _middle(pair, best * step, rise * step)
     return Delay(late, half if half <= max(abs(late), VAGUE_STEPS * step) else math.nan)
 
 
@@ -109,11 +109,33 @@ def noise_power(values: Array) -> float:
     return float(np.mean(np.diff(values, 3) ** 2)) / 20.0
 
 
-def _coarse(time: Array, estimate: Array, truth: Array, step: float, most: int) -> Array:
+class _Pair(NamedTuple):
+    """Estimate and truth at the same times, shape (n,); `hole`, shape (n - 1,): a gap follows.
+
+    step : usual sample time [s].
+    """
+
+    time: Array
+    estimate: Array
+    truth: Array
+    hole: NDArray[np.bool_]
+    step: float
+
+    def inside(self, *ways: float) -> NDArray[np.bool_]:
+        """Return which times are in the record, and in no hole, after each of the ways [s]."""
+        found = np.ones(len(self.time), bool)
+        for way in ways:
+            moved = self.time + way
+            before = np.searchsorted(self.time, moved, side='right') - 1
+            found &= (moved >= 0.0) & (moved <= self.time[-1])
+            found &= ~self.hole[np.clip(before, 0, len(self.hole) - 1)]
+        return found
+
+
+def _coarse(pair: _Pair, most: int) -> Array:
     """Return the mean square error at shifts of -most to most steps; inf for too few samples."""
-    grid = np.arange(0.0, time[-1] + 0.5 * step, step)
-    e = np.interp(grid, time, estimate)
-    r = np.interp(grid, time, truth)
+    grid = np.arange(0.0, pair.time[-1] + 0.5 * pair.step, pair.step)
+    e, r = (np.interp(grid, pair.time, each) for each in (pair.estimate, pair.truth))
     size = 1 << (len(grid) + most).bit_length()
 
     def spectrum(values: Array) -> NDArray[np.complex128]:
@@ -138,55 +160,41 @@ def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, in
     low, high = float(np.min(errors[usable])), float(np.max(errors[usable]))
     if high - low <= clear * max(low, 0.0) + 1e-12 * scale:
         return 0, 0
-    good = np.flatnonzero(errors <= low + NEAR_LEAST * (high - low))
-    centre = int(good[np.argmin(np.abs(good - most))])
-    first = last = centre
-    while first - 1 in good:
-        first -= 1
-    while last + 1 in good:
-        last += 1
+    good = errors <= low + NEAR_LEAST * (high - low)
+    away = np.abs(np.arange(len(errors)) - most)
+    centre = int(np.argmin(np.where(good, away, len(errors))))
+    worse = np.flatnonzero(~good)
+    first = int(np.max(worse[worse < centre], initial=-1)) + 1
+    last = int(np.min(worse[worse > centre], initial=len(errors))) - 1
     best = first + int(np.argmin(errors[first : last + 1]))
     if best in (0, len(errors) - 1):
         return 0, 0  # the minimum is outside the search
-    rise = 1
-    while (
-        best - rise > 0
-        and best + rise < len(errors) - 1
-        and min(errors[best - rise], errors[best + rise]) < low + RISE_PART * (high - low)
-    ):
-        rise += 1
-    return best - most, rise
+    side = np.arange(1, min(best, len(errors) - 1 - best) + 1)
+    risen = np.minimum(errors[best - side], errors[best + side]) >= low + RISE_PART * (high - low)
+    return best - most, int(side[np.argmax(risen) if risen.any() else -1])
 
 
-def _middle(
-    time: Array,
-    estimate: Array,
-    truth: Array,
-    hole: NDArray[np.bool_],
-    shift: float,
-    side: float,
-    step: float,
-) -> Delay:
-    """Return the shift whose two sides, `side` away, have equal errors (bisection).
+def _middle(pair: _Pair, shift: float, side: float) -> Delay:
+    """Return the shift whose two sides, `side` away, have equal errors.
 
     Its interval is nan if no shift within two samples has that property.
     """
-    low, high = shift - 2.0 * step, shift + 2.0 * step
-    inside = _inside(time, hole, (low - side, high + side, -side, side))
+    low, high = shift - 2.0 * pair.step, shift + 2.0 * pair.step
+    inside = pair.inside(low - side, high + side, -side, side)
     if np.count_nonzero(inside) < 4:
         return UNKNOWN_DELAY
-    at, wanted = time[inside], truth[inside]
+    at, wanted = pair.time[inside], pair.truth[inside]
 
     def difference(signal: Array, slope: Array, where: float) -> float:
-        right = cubic(time, signal, at + where + side, slope) - wanted
-        left = cubic(time, signal, at + where - side, slope) - wanted
+        right = cubic(pair.time, signal, at + where + side, slope) - wanted
+        left = cubic(pair.time, signal, at + where - side, slope) - wanted
         return float(np.mean(right * right) - np.mean(left * left))
 
-    own = difference(truth, slopes(time, truth), 0.0)
-    of_estimate = slopes(time, estimate)
+    own = difference(pair.truth, slopes(pair.time, pair.truth), 0.0)
+    of_estimate = slopes(pair.time, pair.estimate)
 
     def rise(where: float) -> float:
-        return difference(estimate, of_estimate, where) - own
+        return difference(pair.estimate, of_estimate, where) - own
 
     below, above = rise(low), rise(high)
     if below > 0.0 or above < 0.0:
@@ -203,44 +211,27 @@ def _middle(
             high, above, below, kept = at_zero, value, below * (0.5 if kept > 0 else 1.0), 1
         if abs(at_zero - previous) < DELAY_TOLERANCE or high - low < DELAY_TOLERANCE:
             break
-    return Delay(at_zero, _half(time, estimate, truth, hole, at_zero, side, step))
+    return Delay(at_zero, _half(pair, at_zero, side))
 
 
-def _half(
-    time: Array,
-    estimate: Array,
-    truth: Array,
-    hole: NDArray[np.bool_],
-    late: float,
-    side: float,
-    step: float,
-) -> float:
+def _half(pair: _Pair, late: float, side: float) -> float:
     """Return half of the delay's interval [s]; nan if a delay outside of it fits far better."""
-    inside = _inside(time, hole, (-late - side, -late, side - late))
+    inside = pair.inside(-late - side, -late, side - late)
     if np.count_nonzero(inside) < 8:
         return math.nan
-    at, slopes_ = time[inside] - late, slopes(time, truth)
+    at, estimate = pair.time[inside] - late, pair.estimate[inside]
+    slope = slopes(pair.time, pair.truth)
 
     def behind(shift: float) -> Array:
-        return cubic(time, truth, at - shift, slopes_)
+        return cubic(pair.time, pair.truth, at - shift, slope)
 
-    rise, rest = (behind(-side) - behind(side)) / (2.0 * side), estimate[inside] - behind(0.0)
+    rise, rest = (behind(-side) - behind(side)) / (2.0 * side), estimate - behind(0.0)
     block = pairs.blocks(at)
     sums = np.bincount(block, (rest - np.mean(rest)) * rise)
     half = pairs.of_sums([sums], [np.bincount(block, rise * rise)]).half
-    most = float(np.mean(rest * rest)) - NEAR_LEAST * float(np.var(truth))
+    most = float(np.mean(rest * rest)) - NEAR_LEAST * float(np.var(pair.truth))
     for shift in (-1.0, 1.0):
-        other = estimate[inside] - behind(shift * max(2.0 * half, step))
+        other = estimate - behind(shift * max(2.0 * half, pair.step))
         if not float(np.mean(other * other)) >= most:
             return math.nan
     return half
-
-
-def _inside(time: Array, hole: NDArray[np.bool_], ways: Sequence[float]) -> NDArray[np.bool_]:
-    """Return True for the times that are in the record, and in no hole, after each of the ways."""
-    found = np.ones(len(time), bool)
-    for way in ways:
-        moved = time + way
-        before = np.clip(np.searchsorted(time, moved, side='right') - 1, 0, len(hole) - 1)
-        found &= (moved >= 0.0) & (moved <= time[-1]) & ~hole[before]
-    return found

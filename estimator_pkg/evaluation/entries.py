@@ -12,8 +12,6 @@ from estimator_pkg import observers
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 
-DEFAULTS = 'defaults'
-
 
 @dataclass(frozen=True)
 class Entry:
@@ -21,13 +19,11 @@ class Entry:
 
     label : name of the row.
     values : (name, value) of the parameters that are not at their default.
-    tuning : origin of the values: 'defaults', or the data they were tuned on.
     """
 
     label: str
     observer: str
     values: tuple[tuple[str, Any], ...] = ()
-    tuning: str = DEFAULTS
 
     def joint(self, **settings: Any) -> Joint:
         """Return a joint with this observer; `settings` are further parameters."""

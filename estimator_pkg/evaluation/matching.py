@@ -70,7 +70,7 @@ def strays(stamps: Stamps) -> NDArray[np.bool_]:
 def match(
     stamps: Stamps, truth_stamps: Stamps, velocity: Array, position: Array, period: float
 ) -> Matched:
-    """Return the truth at the stamps of the estimates.
+    """Return the truth at the stamps of the estimates, interpolated where they differ.
 
     Parameters
     ----------
@@ -78,22 +78,35 @@ def match(
     truth_stamps, velocity, position : shape (k,), the truth [ns, rad/s, rad].
     period : wrap period of the positions [rad]; 0: none.
     """
-    found: list[tuple[NDArray[np.int64], Array, Array, Array, int]] = []
-    offset = 0.0
+    nothing = np.zeros(0)
+    found = [(np.zeros(0, np.int64), nothing, nothing, nothing)]
+    offset, equals = 0.0, 0
     for mine, other in _paired(stamps, truth_stamps):
-        rows, speeds, angles, count = _piece(
-            stamps, mine, truth_stamps, velocity, position, other, period
-        )
-        if len(rows):
-            time = (stamps[rows] - stamps[rows[0]]) * 1e-9 + offset
-            offset = float(time[-1]) + PIECE_PAUSE
-            found.append((rows, time, speeds, angles, count))
-    if not found:
-        nothing = np.zeros(0)
-        return Matched(np.zeros(0, np.int64), nothing, nothing, nothing, 0, len(stamps))
-    *arrays, several = zip(*found)
-    rows, time, speeds, angles = map(np.concatenate, arrays)
-    return Matched(rows, time, speeds, angles, sum(several), len(stamps) - len(rows))
+        at, known, angle = stamps[mine], truth_stamps[other], position[other]
+        right = np.searchsorted(known, at)
+        equal = known[np.minimum(right, len(known) - 1)] == at
+        usable = equal | _between(known, right)
+        if not usable.any():
+            continue
+        if period > 0.0:
+            finite = np.isfinite(angle)
+            angle[finite] = np.unwrap(angle[finite], period=period)
+        seconds, when = (known - known[0]) * 1e-9, (at[usable] - known[0]) * 1e-9
+        time = (at[usable] - at[usable][0]) * 1e-9 + offset
+        offset, equals = float(time[-1]) + PIECE_PAUSE, equals + int(np.count_nonzero(equal))
+        values = (cubic(seconds, each, when) for each in (velocity[other], angle))
+        found.append((mine[usable], time, *values))
+    rows, time, speed, angle = map(np.concatenate, zip(*found))
+    return Matched(rows, time, speed, angle, equals, len(stamps) - len(rows))
+
+
+def _between(known: Stamps, right: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return True where a stamp before known[right] is between two known ones without a gap."""
+    if len(known) < 2:
+        return np.zeros(len(right), bool)
+    steps = np.diff(known)
+    near = steps[np.clip(right - 1, 0, len(steps) - 1)] <= GAP_STEPS * np.median(steps)
+    return (right > 0) & (right < len(known)) & near
 
 
 def exact(stamps: Stamps, known: Stamps, values: Array) -> Array:
@@ -127,45 +140,3 @@ def _paired(
         ]
         if shared and max(shared) >= 0:
             yield mine, theirs[int(np.argmax(shared))]
-
-
-def _piece(
-    stamps: Stamps,
-    mine: NDArray[np.int64],
-    truth_stamps: Stamps,
-    velocity: Array,
-    position: Array,
-    other: NDArray[np.int64],
-    period: float,
-) -> tuple[NDArray[np.int64], Array, Array, int]:
-    """Return (indices, velocity, position, number of exact matches) within one piece."""
-    at, known = stamps[mine], truth_stamps[other]
-    right = np.searchsorted(known, at)
-    exact = known[np.minimum(right, len(known) - 1)] == at
-    between = (right > 0) & (right < len(known))
-    if len(known) > 1:
-        steps = np.diff(known)
-        between &= steps[np.clip(right - 1, 0, len(steps) - 1)] <= GAP_STEPS * np.median(steps)
-    else:
-        between[:] = False
-    usable = exact | between
-    seconds = (known - known[0]) * 1e-9
-    when = (at[usable] - known[0]) * 1e-9
-    speeds = _at(seconds, velocity[other], when, exact[usable], right[usable])
-    angles = position[other]
-    if period > 0.0:
-        angles, finite = angles.copy(), np.isfinite(angles)
-        angles[finite] = np.unwrap(angles[finite], period=period)
-    angles = _at(seconds, angles, when, exact[usable], right[usable])
-    return mine[usable], speeds, angles, int(np.count_nonzero(exact))
-
-
-def _at(
-    seconds: Array, values: Array, when: Array, exact: NDArray[np.bool_], right: NDArray[np.int64]
-) -> Array:
-    """Return the samples where the stamps are equal, interpolated values elsewhere."""
-    result = np.empty(len(when))
-    result[exact] = values[right[exact]]
-    if not exact.all():
-        result[~exact] = cubic(seconds, values, when[~exact])
-    return result

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The options of a comparison."""
+"""What `evaluate`, `doctor` and `tune` compare, and the options that they share."""
 
 from __future__ import annotations
 
@@ -26,6 +26,10 @@ ESTIMATE = 'estimate'  # last part of an estimate topic's name
 AUTO, SMOOTHER = 'auto', 'smoother'
 WRAP_PERIOD = 2.0 * math.pi  # the default [rad]
 PERIOD_KEY = 'wrap_period'
+PARSED = (  # arguments of a command that are options by the same name
+    *('measurement', 'truth', 'angle', 'begin', 'end', 'correct_reference', 'reference'),
+    *('unpack_limit', 'motion_hz'),
+)
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,6 @@ class Options:
     """What is compared, and how.
 
     measurement, truth : topics; None: the usual ones.
-    angle : ``TOPIC:FIELD``, a measured number, used instead of joint states.
     estimates : topics; empty: every JointState whose name ends in '/estimate'.
     observers : observers to run on the measurement; empty: use recorded estimates.
     begin, end : part of the record that is judged, since the first sample [s].
@@ -42,6 +45,7 @@ class Options:
         certainly late (`evaluation.reference.late`).
     reference : 'auto': the truth, or the off-line smoother without one; 'truth' or 'smoother':
         only this one.
+    angle : ``TOPIC:FIELD``, a measured number, used instead of joint states.
     unpack_limit : of the bags, see `estimator_pkg.bags.reader.open_bag`.
     motion_hz : highest frequency at which the joints move [Hz]; None: not known.
     columns : of logs; None: the bags are bags.
@@ -80,17 +84,13 @@ def truth_argument(parser: argparse.ArgumentParser) -> None:
 
 def window_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options ``--from`` and ``--to``, see `Options`."""
-    for name, dest, default, which in (
-        ('--from', 'begin', 0.0, 'before S seconds'),
-        ('--to', 'end', math.inf, 'after S seconds'),
+    of = 'since the first sample'
+    for name, dest, default, side in (
+        ('--from', 'begin', 0.0, f'before S seconds {of}'),
+        ('--to', 'end', math.inf, f'after S seconds {of}'),
     ):
         parser.add_argument(
-            name,
-            dest=dest,
-            type=float,
-            default=default,
-            metavar='S',
-            help=f'ignore what is {which} since the first sample',
+            name, dest=dest, type=float, default=default, metavar='S', help=f'ignore what is {side}'
         )
 
 
@@ -205,18 +205,10 @@ def options_of(
         parsed.wrap_period, [dict(each.values) for each in observers]
     )
     return Options(
-        parsed.measurement,
-        parsed.truth,
-        tuple(estimates),
-        tuple(observers),
-        parsed.begin,
-        parsed.end,
-        period,
-        parsed.correct_reference,
-        parsed.reference,
-        parsed.angle,
-        parsed.unpack_limit,
-        parsed.motion_hz,
-        columns,
-        own_periods,
+        estimates=tuple(estimates),
+        observers=tuple(observers),
+        wrap_period=period,
+        own_periods=own_periods,
+        columns=columns,
+        **{name: getattr(parsed, name) for name in PARSED},
     )

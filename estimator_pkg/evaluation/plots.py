@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,6 @@ GREY = '#9a9a9e'  # of references
 MOST_NUMBERS = 1_200_000  # of all curves over time of a page: 6.4 MB
 FEWEST_POINTS = 200  # points of a curve
 LINE_GAP = 10.0  # a line is not drawn across a longer gap [median sample times]
-PERCENTILE_VALUES = 100_000  # number of values that determine a percentile
 OUTLIER_PERCENT = 99.5  # an outlier beyond OUTLIER_ROOM times this percentile is marked, not drawn
 OUTLIER_ROOM = 2.5
 TALL_PANEL, LOW_PANEL = 250, 130  # height of a panel [pixels]
@@ -72,7 +72,7 @@ class Curve(NamedTuple):
     text: str
     time: NDArray[np.floating]
     values: NDArray
-    style: Mapping[str, Any]
+    style: Mapping[str, Any] = MappingProxyType({'line_color': GREY, 'line_width': 1.5})
     source: str = ''
     kind: str = 'line'
 
@@ -136,8 +136,7 @@ def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
     known = np.concatenate([np.zeros(0), *(line[np.isfinite(line)] for line in lines)])
     if not len(known):
         return None
-    some = known[:: max(1, len(known) // PERCENTILE_VALUES)]
-    low, high = np.percentile(some, [100.0 - OUTLIER_PERCENT, OUTLIER_PERCENT])
+    low, high = np.percentile(known, [100.0 - OUTLIER_PERCENT, OUTLIER_PERCENT])
     room = 0.5 * (OUTLIER_ROOM - 1.0) * max(float(high - low), 1e-9)
     least, most = float(known.min()), float(known.max())
     if least >= low - room and most <= high + room:

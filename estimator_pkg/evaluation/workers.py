@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -42,14 +43,14 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
         raise UsageError(f'--jobs is {jobs}: it must be 1 or more')
     if scheduler is not None:
         with _cluster(scheduler) as client:
-            yield lambda function, items: _gathered(client, function, items)
+            yield lambda function, items: _of_cluster(client, function, items)
     elif jobs == 1:
         yield lambda function, items: (function(*item) for item in items)
     else:
         context = multiprocessing.get_context('spawn')  # threads and ROS do not survive a fork
         pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin)
         try:
-            yield lambda function, items: _mapped(pool, function, items)
+            yield lambda function, items: _of_pool(pool, function, items)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
@@ -72,23 +73,20 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _mapped(
+def _of_pool(
     pool: ProcessPoolExecutor, function: Callable[..., Any], items: Sequence[tuple]
 ) -> Iterator[Any]:
+    futures = [pool.submit(function, *item) for item in items]
     try:
-        yield from pool.map(_call, [(function, item) for item in items])
+        for future in futures:
+            yield future.result()
     except BrokenProcessPool as error:
         if interrupts.came():  # TERM to the whole group, too
             raise KeyboardInterrupt from error
         raise UserError('a worker process died: check the memory, or use fewer --jobs') from error
 
 
-def _call(job: tuple[Callable[..., Any], tuple]) -> Any:
-    function, item = job
-    return function(*item)
-
-
-def _gathered(client: Any, function: Callable[..., Any], items: Sequence[tuple]) -> Iterator[Any]:
+def _of_cluster(client: Any, function: Callable[..., Any], items: Sequence[tuple]) -> Iterator[Any]:
     from distributed import CancelledError, TimeoutError
     from distributed.comm import CommClosedError
     from distributed.scheduler import KilledWorker
@@ -98,8 +96,7 @@ def _gathered(client: Any, function: Callable[..., Any], items: Sequence[tuple])
         for future in futures:
             yield future.result()
     except (CommClosedError, KilledWorker, CancelledError, TimeoutError) as error:
-        reason = first_line(error)
-        raise UserError(f'the Dask cluster failed: {reason}') from error
+        raise UserError(f'the Dask cluster failed: {first_line(error)}') from error
 
 
 @contextmanager
@@ -108,17 +105,14 @@ def _cluster(address: str) -> Iterator[Any]:
         from distributed import Client
     except ImportError as error:
         raise UserError(needs('distributed')) from error
-    import logging
-
-    for name in [*logging.root.manager.loggerDict]:  # hide its tracebacks from the user
-        if name.partition('.')[0] in ('distributed', 'tornado', 'asyncio'):
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    logging.disable()  # its tracebacks are not for the user
     try:
-        client = Client(address, timeout=SCHEDULER_WAIT, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
-        reason = first_line(error)
-        raise UserError(
-            f"no Dask scheduler answers at '{address}': {reason}: check the address"
-        ) from error
-    with client:
-        yield client
+        try:
+            client = Client(address, timeout=SCHEDULER_WAIT, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            reason = f'{first_line(error)}: check the address'
+            raise UserError(f"no Dask scheduler answers at '{address}': {reason}") from error
+        with client:
+            yield client
+    finally:
+        logging.disable(logging.NOTSET)

@@ -16,7 +16,7 @@ import yaml
 from benchmarks.accuracy import bounds, judge, run
 from benchmarks.recorded import RAW, recordings, with_truth
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.comparison import compare
+from estimator_pkg.evaluation.compare.evaluate import evaluate
 from estimator_pkg.evaluation.entries import at_defaults
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.observers import DEFAULT
@@ -86,8 +86,8 @@ def test_it_has_at_most_half_the_error_of_the_difference_at_1_khz(measured, obse
 @pytest.mark.long
 @pytest.mark.parametrize('bag', PENDULUMS, ids=lambda bag: bag.name)
 def test_the_drives_own_bias_lag_and_noise_are_found(bag):
-    found = compare(str(bag), Options(observers=(RAW,)))
-    for known in found.references.values():
+    found = evaluate(str(bag), Options(observers=(RAW,)))
+    for known in found.truth.references.values():
         bias = DRIVE_BIAS[bag.parent.name]
         assert known.bias == pytest.approx(bias, abs=4.0 * known.bias_stddev)
         assert known.bias_stddev < 0.006

@@ -9,10 +9,9 @@ import math
 
 import numpy as np
 
-from estimator_pkg.evaluation.compare.comparison import ZERO_BELOW, Comparison, Row
-from estimator_pkg.evaluation.compare.truth import OFFLINE_SMOOTHER
+from estimator_pkg.evaluation.compare.evaluate import Comparison, Row
+from estimator_pkg.evaluation.compare.truth import Truth
 from estimator_pkg.evaluation.reference.reference import Reference
-from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.text import (
     WIDTH,
     error,
@@ -30,6 +29,7 @@ WIDE_COLUMNS = (
     *('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay', 'noise', 'compared', 'received'),
     *('used', 'dropped'),
 )
+ZERO_BELOW = 1e-10  # a smaller noise counts as zero [rad/s]
 
 
 def cells(row: Row) -> dict[str, str]:
@@ -48,7 +48,7 @@ def cells(row: Row) -> dict[str, str]:
         'max': error(v['max_abs'], 3),
         'max at': fixed(worst, 2),
         'bias': fixed(v['bias'], 4),
-        'delay': interval(_ms(v['delay_s']), _ms(v['delay_95_s'])),
+        'delay': interval(v['delay_s'] * 1e3, v['delay_95_s'] * 1e3),
         'noise': number(v['noise'], 3),
         'in 95 % interval': f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
         'valid': f'{valid:.{places}f} of {total:.{places}f}' if total else '-',
@@ -68,95 +68,82 @@ def describe(comparison: Comparison, wide: bool = False, period: float = math.ta
     ----------
     wide : all columns; else those that fit 80. period : wrap period of the positions; 0: none.
     """
-    head = f'{comparison.bag}: velocity errors [rad/s] against {comparison.truth}, at zero shift'
-    lines: list[str] = []
-    rows, remarks = [], []
-    for row in comparison.rows:
-        rows.append(cells(row))
-        for source, state in row.samples.get('sources', {}).items():
-            remarks.append(f'{row.source}, {row.joint}: source {source}: {state}')
-        counts = row.matched
-        moved = row.joint in comparison.corrected  # by its lag, so nearly all truth is interpolated
-        ends = moved or row.joint in comparison.smoothed  # such a reference ends earlier
-        moved = moved or (ends and row.joint.endswith(ELECTRICAL))  # or has fewer samples
-        if counts['unmatched'] > (0.01 * counts['estimates'] if ends else 0) or (
-            counts['interpolated'] and not moved
-        ):
-            remarks.append(
-                f'{row.source}, {row.joint}: of {counts["estimates"]} estimates '
-                f'{counts["interpolated"]} have an interpolated truth, '
-                f'{counts["unmatched"]} none'
-            )
+    true = comparison.truth
+    head = f'{comparison.bag}: velocity errors [rad/s] against {true.name}, at zero shift'
     columns = WIDE_COLUMNS if wide else NARROW_COLUMNS
-    texts = [[row[name] for name in columns] for row in rows]
+    rows = [[cells(row)[name] for name in columns] for row in comparison.rows]
     header = [{'delay': 'delay ms', 'drops': 'dropped'}.get(name, name) for name in columns]
-    shown = table(header, texts, left=2, width=None if wide else WIDTH)
+    shown = table(header, rows, left=2, width=None if wide else WIDTH)
+    lines = []
     if any(row.reference_cannot_tell for row in comparison.rows):
         lines.append("* the error is below the reference's own error")
     for joint, verdict in comparison.verdicts.items():
         lines += ['', f'{joint}:', *(f'  {each}' for each in verdict.sentences())]
     if comparison.verdicts:
         lines.append('')
-    for joint, known in comparison.references.items():
-        if joint in comparison.smoothed:
-            if comparison.smoothed[joint].seldom:
-                continue  # the refusal above gives the reason
-            lines.append(f'{joint}: {describe_smoother(comparison.smoothed[joint], known.noise)}')
-            continue
-        lines.append(f'truth of {joint} against the measured position: {describe_truth(known)}')
-        if joint in comparison.corrected:
-            removed = comparison.corrected[joint]
+    for joint in true.references:
+        if joint in true.smoothed and true.smoothed[joint].seldom:
+            continue  # the refusal above gives the reason
+        lines.append(describe_reference(true, joint))
+        if removed := true.corrected.get(joint):
             bias = f', bias {removed["bias"]:.4f} rad/s' if removed['bias'] else ''
-            lines.append(f'  removed: lag {_ms(removed["lag_s"]):.2f} ms{bias}')
-    lines = [units(line, period) for line in [head, *lines, *remarks, *comparison.notes]]
-    said = [each for line in lines[1:] for each in wrapped(line)]
-    return '\n'.join([*wrapped(lines[0]), shown, *said])
+            lines.append(f'  removed: lag {removed["lag_s"] * 1e3:.2f} ms{bias}')
+    for row in comparison.rows:
+        lines += _remarks(row, true)
+    said = [each for line in [*lines, *comparison.notes] for each in wrapped(units(line, period))]
+    return '\n'.join([*wrapped(units(head, period)), shown, *said])
 
 
-def describe_smoother(smoothed: Smoothed, own: float) -> str:
-    """Return the quality and the inputs of the off-line reference as text.
+def _remarks(row: Row, true: Truth) -> list[str]:
+    """Return the second sensors of an estimate, and how much of it has no truth of its stamp."""
+    name, counts = f'{row.source}, {row.joint}', row.matched
+    found = [
+        f'{name}: source {source}: {state}'
+        for source, state in row.samples.get('sources', {}).items()
+    ]
+    moved = row.joint in true.corrected  # by its lag, so nearly all truth is interpolated
+    ends = moved or row.joint in true.smoothed  # such a reference ends earlier
+    usual = moved or (ends and row.joint.endswith(ELECTRICAL))  # or has fewer samples
+    few = counts['unmatched'] <= (0.01 * counts['estimates'] if ends else 0)
+    if few and (usual or not counts['interpolated']):
+        return found
+    return [
+        *found,
+        f'{name}: of {counts["estimates"]} estimates {counts["interpolated"]} have an interpolated '
+        f'truth, {counts["unmatched"]} none',
+    ]
 
-    Parameters
-    ----------
-    own : expected error of its velocity [rad/s].
-    """
-    noise = smoothed.noise
+
+def describe_reference(true: Truth, joint: str) -> str:
+    """Return the quality of a joint's reference, and what of it the record does not determine."""
+    known = true.references[joint]
+    if joint not in true.smoothed:
+        return f'truth of {joint} against the measured position: {_fitted(known)}'
+    smoothed = true.smoothed[joint]
+    noise, changes = smoothed.noise, smoothed.changes
     if smoothed.seldom:
-        return (
-            f'the reading changes only {smoothed.changes} times: too rarely for an off-line '
-            'reference'
-        )
+        return f'{joint}: the reading changes only {changes} times: too rarely for a reference'
     text = (
-        f"{OFFLINE_SMOOTHER}'s own error is {number(own, 2)} rad/s rms; readings "
+        f"{joint}: {true.name}'s own error is {number(known.noise, 2)} rad/s rms; readings "
         f'{number(noise.reading, 2)} rad'
     )
     if noise.quantum:
-        text += f', counts of {number(noise.quantum, 3)} rad' + (
-            ' (which explain it)' if noise.at_floor else ''
-        )
-    if smoothed.outliers:
-        text += f', {smoothed.outliers} outliers ignored'
-    return text
+        text += f', counts of {number(noise.quantum, 3)} rad'
+        text += ' (which explain it)' * noise.at_floor
+    return text + f', {smoothed.outliers} outliers ignored' * bool(smoothed.outliers)
 
 
-def describe_truth(known: Reference) -> str:
-    """Return lag, bias, slope and noise as text, and those that the record does not determine."""
-    known_values, unknown = [], []
+def _fitted(known: Reference) -> str:
+    """Return lag, bias, slope and noise of a truth as text."""
+    found, unknown = [], []
     for name, value, deviation, decimals, unit in (
-        ('lag', _ms(known.lag_s), _ms(known.lag_stddev), 2, ' ms'),
+        ('lag', known.lag_s * 1e3, known.lag_stddev * 1e3, 2, ' ms'),
         ('bias', known.bias, known.bias_stddev, 4, ' rad/s'),
         ('slope', known.slope, known.slope_stddev, 4, ''),
     ):
         if math.isfinite(value):
-            known_values.append(
-                f'{name} {fixed(value, decimals)} +- {fixed(deviation, decimals)}{unit}'
-            )
+            found.append(f'{name} {fixed(value, decimals)} +- {fixed(deviation, decimals)}{unit}')
         else:
             unknown.append(name)
-    noise = 0.0 if known.noise < ZERO_BELOW else known.noise
-    known_values.append(f'noise {number(noise, 2)} rad/s')
-    return ', '.join(known_values) + (f'; not determined: {", ".join(unknown)}' if unknown else '')
-
-
-def _ms(seconds: float) -> float:
-    return seconds * 1e3
+    found.append(f'noise {number(0.0 if known.noise < ZERO_BELOW else known.noise, 2)} rad/s')
+    return ', '.join(found) + (f'; not determined: {", ".join(unknown)}' if unknown else '')

@@ -100,15 +100,13 @@ def on_each(
     UserError : a named bag cannot be evaluated, or no bag can.
     UsageError : the call itself is wrong.
     """
-    judged = 0
     for found in run_many(_attempt, [(function, bag, *arguments) for bag in bags]):
         if isinstance(found, LeftOut):
             left_out.append(found)
             show(f'warning: {found}', file=sys.stderr)
         else:
-            judged += 1
             yield found
-    if bags and not judged:
+    if bags and {bag.path for bag in bags} <= {each.path for each in left_out}:
         folders = ', '.join(dict.fromkeys(bag.folder for bag in bags))
         raise UserError(f'{folders}: none of the bags in it can be evaluated (reasons above)')
 

@@ -9,7 +9,7 @@ and this is part of its error; the delay shows how much of the error it causes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
 from itertools import pairwise
 from typing import Any
 
@@ -23,25 +23,8 @@ Array = NDArray[np.float64]
 
 CONSTANT_BLOCK = 0.25  # the truth counts as constant if it is over two blocks of this length [s]
 BLOCK_SAMPLES = 16  # or of this many samples, if that is longer
-DELAY_SAMPLES = 1_000_000  # number of samples that determine a delay
 CONSTANT_CHANGE = 1e-4  # largest change of a constant truth within a block, over its largest value
-
-
-def summary(errors: Array) -> dict[str, float]:
-    """Return rms, mean_abs, max_abs and bias of the finite `errors`, shape (n,), in their unit.
-
-    They are nan without any.
-    """
-    errors = errors[np.isfinite(errors)]
-    if not len(errors):
-        return {'rms': np.nan, 'mean_abs': np.nan, 'max_abs': np.nan, 'bias': np.nan}
-    size = np.abs(errors)
-    return {
-        'rms': float(np.sqrt(np.mean(errors * errors))),
-        'mean_abs': float(np.mean(size)),
-        'max_abs': float(np.max(size)),
-        'bias': float(np.mean(errors)),
-    }
+SIGMAS_95 = 1.96  # the 95 % interval of a normal distribution [standard deviations]
 
 
 def velocity(
@@ -55,7 +38,7 @@ def velocity(
     estimate, truth : shape (n,) [rad/s or m/s].
     truth_noise : rms noise of the truth; a constant truth may change by it.
     """
-    late = measured(*_middle(time, estimate, truth)).known
+    late = measured(time, estimate, truth).known
     return {
         **summary(estimate - truth),
         'delay_s': late.late,
@@ -75,15 +58,44 @@ def position(time: Array, estimate: Array, truth: Array, period: float) -> dict[
     """
     return {
         **summary(wrapped(estimate - truth, period)),
-        'delay_s': _position_delay(*_middle(time, estimate, truth), period),
+        'delay_s': _position_delay(time, estimate, truth, period),
     }
 
 
-def _middle(time: Array, estimate: Array, truth: Array) -> tuple[Array, Array, Array]:
-    """Return the middle of a long record, enough for its delay: this bounds the memory."""
-    first = max(0, (len(time) - DELAY_SAMPLES) // 2)
-    part = slice(first, first + DELAY_SAMPLES)
-    return time[part], estimate[part], truth[part]
+def summary(errors: Array) -> dict[str, float]:
+    """Return rms, mean_abs, max_abs and bias of the finite `errors`, shape (n,), in their unit.
+
+    They are nan without any.
+    """
+    errors = errors[np.isfinite(errors)]
+    if not len(errors):
+        return dict.fromkeys(('rms', 'mean_abs', 'max_abs', 'bias'), math.nan)
+    size = np.abs(errors)
+    return {
+        'rms': float(np.sqrt(np.mean(errors * errors))),
+        'mean_abs': float(np.mean(size)),
+        'max_abs': float(np.max(size)),
+        'bias': float(np.mean(errors)),
+    }
+
+
+def coverage(errors: Array, stddev: Array) -> float:
+    """Return the fraction of the errors, shape (n,), within 1.96 stddev; nan if none is known."""
+    known = np.isfinite(errors) & np.isfinite(stddev)
+    if not known.any():
+        return math.nan
+    return float(np.mean(np.abs(errors[known]) <= SIGMAS_95 * stddev[known]))
+
+
+def rms_at_delay(time: Array, estimate: Array, truth: Array, late: float) -> float:
+    """Return the rms error against the truth delayed by `late` [s]; nan for no common time.
+
+    Parameters
+    ----------
+    time, estimate, truth : shape (n,), as those of `velocity`.
+    """
+    inside = (time - late >= time[0]) & (time - late <= time[-1])
+    return summary(estimate[inside] - cubic(time, truth, time[inside] - late))['rms']
 
 
 def noise_at_constant_speed(
@@ -100,35 +112,26 @@ def noise_at_constant_speed(
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]
     if len(time) < 8:
-        return np.nan
+        return math.nan
     length = max(CONSTANT_BLOCK, BLOCK_SAMPLES * float(np.median(np.diff(time))))
     edges = np.searchsorted(time, np.arange(time[0], time[-1] + 0.5 * length, length))
-    power, count = 0.0, 0
-    for blocks in _stretches(truth, list(pairwise(edges)), truth_noise):
-        if len(blocks) >= 2:
-            part = estimate[blocks[1][0] : blocks[-1][1]]
-            power += float(np.sum((part - np.mean(part)) ** 2))
-            count += len(part)
-    return float(np.sqrt(power / count)) if count else np.nan
-
-
-def _stretches(
-    truth: Array, blocks: list[tuple[int, int]], noise: float
-) -> Iterator[list[tuple[int, int]]]:
-    """Yield the consecutive blocks (first, last + 1) over which the truth is constant."""
     steady = CONSTANT_CHANGE * float(np.max(np.abs(truth))) + 1e-12
 
-    def equal_speed(one: tuple[int, int], other: tuple[int, int]) -> bool:
-        return _same_speed(truth[slice(*one)], truth[slice(*other)], steady, noise)
+    def constant(first: slice, block: slice) -> bool:
+        return _same_speed(truth[first], truth[block], steady, truth_noise)
 
-    stretch: list[tuple[int, int]] = []
-    for block in blocks:
-        if stretch and not equal_speed(stretch[0], block):
-            yield stretch
-            stretch = []
-        if stretch or equal_speed(block, block):
-            stretch.append(block)
-    yield stretch
+    stretches: list[list[slice]] = [[]]
+    for block in (slice(*each) for each in pairwise(edges)):
+        if stretches[-1] and not constant(stretches[-1][0], block):
+            stretches.append([])
+        if stretches[-1] or constant(block, block):
+            stretches[-1].append(block)
+    power, count = 0.0, 0
+    for settling, *rest in filter(None, stretches):
+        part = estimate[settling.stop : rest[-1].stop] if rest else estimate[:0]
+        power += float(np.sum((part - np.mean(part)) ** 2)) if rest else 0.0
+        count += len(part)
+    return math.sqrt(power / count) if count else math.nan
 
 
 def _same_speed(first: Array, block: Array, steady: float, noise: float) -> bool:
@@ -156,13 +159,13 @@ def _position_delay(time: Array, estimate: Array, truth: Array, period: float) -
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]
     if len(time) < 8:
-        return np.nan
+        return math.nan
     if period > 0.0:
         truth = np.unwrap(truth, period=period).astype(np.float64)
     speed = slopes(time, truth)
     power = float(np.mean(speed * speed))
     if power * (time[-1] - time[0]) ** 2 < 1e-12 * (1.0 + float(np.mean(truth * truth))):
-        return np.nan
+        return math.nan
     shift = 0.0
     for _ in range(20):
         at = time - shift
@@ -173,5 +176,5 @@ def _position_delay(time: Array, estimate: Array, truth: Array, period: float) -
         if abs(change) < 1e-9:
             break
         if abs(shift) > LONGEST_DELAY:
-            return np.nan
+            return math.nan
     return shift

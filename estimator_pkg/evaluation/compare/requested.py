@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from estimator_pkg import observers, params_file, streams
@@ -34,35 +34,40 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
     ------
     UserError, UsageError : no such observer or file, or a parameter that no observer has.
     """
-    wanted: list[str] = []
-    for name in names:
-        wanted += angle_observers() if name == ALL_OBSERVERS else [name]
-    wanted = list(dict.fromkeys(wanted))
+    every = {name: angle_observers() if name == ALL_OBSERVERS else [name] for name in names}
+    wanted = list(dict.fromkeys(name for of in every.values() for name in of))
     given = parse_assignments(list(assignments))
     if not wanted:
         if not given and not params:
             return []
         wanted = [str(given.pop(OBSERVER_KEY, None) or _named(params))]
-    from_file = [_from_file(params, name) for name in wanted]
-    if params is not None and all(values is None for values in from_file):
+    from_file = {name: _from_file(params, name) for name in wanted}
+    if params is not None and all(values is None for values in from_file.values()):
         params_file.warn_unused(params, wanted)
-    values_of = [{**(values or {}), **given} for values in from_file]
-    by_observer = {
-        name: streams.parameters(name, values) for name, values in zip(wanted, values_of)
-    }
-    for values in values_of:
-        _check(values, by_observer)
+    values_of = {name: {**(values or {}), **given} for name, values in from_file.items()}
+    known = {name: streams.parameters(name, values) for name, values in values_of.items()}
+    anywhere = {parameter for of in known.values() for parameter in of}
+    for values in values_of.values():
+        for key in values:
+            gain = params_file.parameter_of(key)
+            if gain not in anywhere:
+                first = observers.find(wanted[0])
+                instead = observers.instead(gain, anywhere, first, SELECT_OBSERVER)
+                raise UsageError(
+                    f"unknown parameter '{key}' of {', '.join(wanted)}: "
+                    f'{instead or suggestion(gain, anywhere)}'
+                )
     return [
         Entry(
             name,
             name,
             tuple(
-                (key, by_observer[name][params_file.parameter_of(key)].check(value))
+                (key, known[name][params_file.parameter_of(key)].check(value))
                 for key, value in values.items()
-                if params_file.parameter_of(key) in by_observer[name]
+                if params_file.parameter_of(key) in known[name]
             ),
         )
-        for name, values in zip(wanted, values_of)
+        for name, values in values_of.items()
     ]
 
 
@@ -92,19 +97,3 @@ def _from_file(params: str | None, observer: str) -> dict[str, Any] | None:
     if values is not None:
         values.pop(OBSERVER_KEY, None)
     return values
-
-
-def _check(values: Mapping[str, Any], by_observer: Mapping[str, Mapping[str, Any]]) -> None:
-    every = {name for known in by_observer.values() for name in known}
-    for name in values:
-        gain = params_file.parameter_of(name)
-        if gain not in every:
-            raise UsageError(
-                f"unknown parameter '{name}' of {', '.join(by_observer)}: "
-                + (
-                    observers.instead(
-                        gain, every, observers.find(next(iter(by_observer))), SELECT_OBSERVER
-                    )
-                    or suggestion(gain, every)
-                )
-            )

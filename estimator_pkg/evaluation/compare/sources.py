@@ -1,12 +1,17 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Sources of estimates: recorded topics, or observers run on the recorded measurement."""
+"""Sources of estimates: recorded topics, or observers run on the recorded measurement.
+
+If a bag has the truth of every sample of a drive, its electrical joint is compared sample by
+sample: their batches contain truth and estimate of each. The mechanical joint keeps one state per
+batch.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,22 +25,23 @@ from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions
 from estimator_pkg.bags.source import UnreadableError
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import AUTO, ESTIMATE, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import back_emf
+from estimator_pkg.messages import drive_samples
+from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleSettings
-from estimator_pkg.streams.contract import Request, Stream
-from estimator_pkg.streams.drive import DriveStream
+from estimator_pkg.streams.contract import Request
+from estimator_pkg.streams.drive import ELECTRICAL, DriveStream
 
 Array = NDArray[np.float64]
 
 COUNTER = Entry('', 'finite_difference')  # its guard counts the samples of recorded estimates
-PUBLISHED, WITHHELD = 'published', 'withheld'
 STAMP_SOURCE = 'stamp_source'
+TRUE_SAMPLES = '/ground_truth/samples'  # batches of a drive, with the truth of every sample
 HELD_STEPS = 5.0  # an estimate counts for the time since the previous one, at most this many steps
 
 
@@ -49,7 +55,12 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
     UserError, UsageError : a requested topic does not exist, a parameter is wrong, or the observers
         use different clocks.
     """
-    _check_clocks(options.observers)
+    clocks = set(map(source_of_stamps, options.observers)) - {''}
+    if len(clocks) > 1:  # the observers share a reference
+        raise UsageError(
+            f"the observers have different '{STAMP_SOURCE}' ({', '.join(sorted(clocks))}): "
+            'set one for all with --set'
+        )
     chosen = options.observers or ((Entry('', DEFAULT),) if options.angle else ())
     for entry in chosen:
         setup = _setup(entry, bag, options)
@@ -60,18 +71,25 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
             return found
     if options.measurement is not None and not chosen:
         bag.require(options.measurement, (TYPE,))
-    try:
+    with _optional():
         topic = measurement_topic(bag, options.measurement)
         if topic != options.truth:
             found = positions(bag, topic)
             if any((series.stamps_ns > 0).any() for series in found.values()):
                 return found
             return positions(bag, topic, by_publisher=True)  # as the estimates must have been
+    return {}
+
+
+@contextmanager
+def _optional() -> Iterator[None]:
+    """Ignore a topic without values, but not a damaged one."""
+    try:
+        yield
     except UnreadableError:
         raise
-    except UserError:  # estimates can be compared with a truth without a measurement
+    except UserError:
         pass
-    return {}
 
 
 def without_truth(bag: Bag, options: Options) -> bool:
@@ -81,39 +99,22 @@ def without_truth(bag: Bag, options: Options) -> bool:
     return options.reference == AUTO and options.truth is None and TRUTH not in bag.topics
 
 
-def _check_clocks(observers: Sequence[Entry]) -> None:
-    """Raise UsageError unless all observers, which share a reference, use the same clock."""
-    clocks = {source for entry in observers if (source := source_of_stamps(entry))}
-    if len(clocks) > 1:
-        raise UsageError(
-            f"the observers have different '{STAMP_SOURCE}' ({', '.join(sorted(clocks))}): "
-            'set one for all with --set'
-        )
-
-
 def source_of_stamps(entry: Entry) -> str:
     """Return the `stamp_source` of an observer; '' for families without it."""
-    declares = STAMP_SOURCE in declared(_stream(entry).SETTINGS)
+    declares = STAMP_SOURCE in declared(streams.of_observer(entry.observer).SETTINGS)
     return dict(entry.values).get(STAMP_SOURCE, AngleSettings.stamp_source) if declares else ''
-
-
-def _stream(entry: Entry) -> type[Stream]:
-    return streams.of_observer(entry.observer)
 
 
 def _setup(entry: Entry, bag: Bag, options: Options) -> Setup:
     """Return parameters and topics of an observer; raise UserError or UsageError."""
-    stream = _stream(entry)
-    values: dict[str, Any] = {'observer': entry.observer}
-    if stream.WRAPS:
-        values['wrap_period'] = options.wrap_period
-    return wired(
-        stream, bag, {**values, **dict(entry.values)}, Request(options.measurement, options.angle)
-    )
+    stream = streams.of_observer(entry.observer)
+    period = {'wrap_period': options.wrap_period} if stream.WRAPS else {}
+    values = {'observer': entry.observer, **period, **dict(entry.values)}
+    return wired(stream, bag, values, Request(options.measurement, options.angle))
 
 
 def sources(
-    bag: Bag, path: str, measurement: dict[str, Series], options: Options
+    bag: Bag, path: str, measurement: Mapping[str, Series], options: Options
 ) -> Iterator[tuple[str, dict[str, EstimateSeries]]]:
     """Yield (name, estimates by joint) of everything to compare.
 
@@ -121,39 +122,33 @@ def sources(
     ------
     UserError : there is nothing to compare.
     """
-    if options.observers:
-        for entry in options.observers:
-            yield (entry.label, recording(entry, bag, measurement, options).run(entry.observer, {}))
-        if not options.estimates:
-            return
-    topics = list(options.estimates) or sorted(
-        name
-        for name, topic in bag.topics.items()
-        if topic.type == TYPE and name.rpartition('/')[2] == ESTIMATE
-    )
-    if not topics and measurement:
-        usual = Entry(DEFAULT, DEFAULT)
-        yield DEFAULT, recording(usual, bag, measurement, options).run(DEFAULT, {})
-        return
-    if not topics:
-        raise UserError(
-            f"{path}: no estimates (no JointState topic '.../{ESTIMATE}'): make them "
-            "with 'velocity_estimator replay', or run observers on the measurement "
-            'with --observer'
+    topics = list(options.estimates)
+    if not topics and not options.observers:
+        topics = sorted(
+            name
+            for name, topic in bag.topics.items()
+            if topic.type == TYPE and name.rpartition('/')[2] == ESTIMATE
         )
+    entries = options.observers
+    if not topics and not entries:
+        if not measurement:
+            raise UserError(
+                f"{path}: no estimates (no JointState topic '.../{ESTIMATE}'): make them "
+                "with 'velocity_estimator replay', or run observers on the measurement "
+                'with --observer'
+            )
+        entries = (Entry(DEFAULT, DEFAULT),)
+    for entry in entries:
+        yield entry.label, recording(entry, bag, measurement, options).run(entry.observer, {})
     for topic in topics:
         deviations: dict[str, Series] = {}
         beside = bag.topics.get(f'{topic}_stddev')
         if beside is not None and beside.type == TYPE and beside.count:
-            try:
+            with _optional():
                 deviations = joint_series(bag, beside.name)
-            except UnreadableError:
-                raise
-            except UserError:  # no joint was valid at any time
-                pass
         found = joint_series(bag, topic)
-        if per_sample.available(bag, options):
-            found = per_sample.finer(bag, f'{topic}{per_sample.BATCH_SUFFIX}', found)
+        if has_true_samples(bag, options):
+            found = of_samples(bag, f'{topic}_samples', found)
         yield (
             topic,
             {
@@ -177,7 +172,41 @@ def recording(
     setup = _setup(entry, bag, options)
     found = recordings.recording(bag, setup, measurement)
     of_drive = setup.kind == DriveStream.KIND and without_truth(bag, options)
-    return found.per_sample() if of_drive or per_sample.available(bag, options) else found
+    return found.per_sample() if of_drive or has_true_samples(bag, options) else found
+
+
+def has_true_samples(bag: Bag, options: Options) -> bool:
+    """Return True if the bag has the truth of every sample, and no other truth is requested."""
+    if options.truth is not None or options.reference == SMOOTHER or TRUTH not in bag.topics:
+        return False
+    return _has_batches(bag, TRUE_SAMPLES)
+
+
+def of_samples(bag: Bag, topic: str, series: Mapping[str, Series]) -> dict[str, Series]:
+    """Return the series, with the electrical joint taken from the batches of `topic` if possible.
+
+    Raises
+    ------
+    UserError : a message there is not a batch.
+    """
+    electrical = [joint for joint in series if joint.endswith(ELECTRICAL)]
+    if len(electrical) != 1 or not _has_batches(bag, topic):
+        return dict(series)
+    bag.require(topic)
+    try:
+        batches = [drive_samples.decode(bytes(message.raw)) for message in bag.messages([topic])]
+    except MalformedMessageError as error:
+        raise UserError(f'{topic} of {bag.path}: {error}') from None
+    stamps = np.concatenate([batch.stamps_ns for batch in batches])
+    values = np.concatenate([batch.values for batch in batches])
+    stamps, values = stamps[values[:, 3] > 0.5], values[values[:, 3] > 0.5]
+    nothing = np.full(len(stamps), np.nan)
+    return {**series, electrical[0]: Series(stamps, values[:, 0], values[:, 1], nothing)}
+
+
+def _has_batches(bag: Bag, topic: str) -> bool:
+    found = bag.topics.get(topic)
+    return found is not None and found.type == drive_samples.TYPE and found.count > 0
 
 
 def _recorded(
@@ -188,40 +217,22 @@ def _recorded(
     if deviations is not None:
         deviations = with_velocity(deviations)
         stddev = at_stamps(estimates.stamps_ns, deviations.stamps_ns, deviations.velocity)
-    return EstimateSeries(
-        estimates.stamps_ns,
-        estimates.position,
-        estimates.velocity,
-        stddev,
-        _samples(estimates, measurement),
-        _published(estimates, measurement),
-        np.zeros(0, np.int64),
-        np.zeros(0, np.int8),
-    )
+    count = len(estimates.stamps_ns)
+    samples, validity = {'received': count, 'used': count, 'dropped': {}}, dict[str, float]()
+    if measurement is not None:  # what is dropped does not depend on the observer
+        joint = COUNTER.joint()
+        joint.run(measurement.stamps_ns, measurement.position)
+        samples, validity = joint.samples(), _published(estimates, measurement)
+    unknown = np.zeros(0, np.int64), np.zeros(0, np.int8)
+    return EstimateSeries(*estimates[:3], stddev, samples, validity, *unknown)
 
 
-def _published(estimates: Series, measurement: Series | None) -> dict[str, float]:
+def _published(estimates: Series, measurement: Series) -> dict[str, float]:
     """Return seconds with estimates, and seconds with samples but no estimate."""
-    if measurement is None or not len(measurement.stamps_ns):
-        return {}
     good = measurement.stamps_ns[np.isfinite(measurement.position) & (measurement.stamps_ns > 0)]
-    steps = np.diff(good) * 1e-9
-    steps = np.where(steps > 0.0, steps, 0.0)
+    steps = np.maximum(np.diff(good) * 1e-9, 0.0)
     if not len(steps):
         return {}
     steps = np.minimum(steps, HELD_STEPS * float(np.median(steps)))
     shown = np.isin(good[1:], estimates.stamps_ns[np.isfinite(estimates.velocity)])
-    return {PUBLISHED: float(steps[shown].sum()), WITHHELD: float(steps[~shown].sum())}
-
-
-def _samples(estimates: Series, measurement: Series | None) -> dict[str, Any]:
-    """Return the guard's counts of the samples in the bag, or the number of estimates without one.
-
-    The dropped samples do not depend on the observer, unless it was misconfigured.
-    """
-    if measurement is None:
-        count = len(estimates.stamps_ns)
-        return {'received': count, 'used': count, 'dropped': {}}
-    joint = COUNTER.joint()
-    joint.run(measurement.stamps_ns, measurement.position)
-    return joint.samples()
+    return {'published': float(steps[shown].sum()), 'withheld': float(steps[~shown].sum())}

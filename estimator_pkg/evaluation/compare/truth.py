@@ -23,8 +23,13 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked, stretch, usable
 from estimator_pkg.evaluation.checks.joint import reference as reference_of
 from estimator_pkg.evaluation.checks.readings import Readings
-from estimator_pkg.evaluation.compare import per_sample
-from estimator_pkg.evaluation.compare.sources import source_of_stamps, without_truth
+from estimator_pkg.evaluation.compare.sources import (
+    TRUE_SAMPLES,
+    has_true_samples,
+    of_samples,
+    source_of_stamps,
+    without_truth,
+)
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.ranking.ranking import SKIP_PART, SKIPPED
@@ -40,10 +45,7 @@ from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import HEADER
 from estimator_pkg.streams.drive import ELECTRICAL, DriveStream
 
-Array = NDArray[np.float64]
-
 LAG_SEEN = 2.0  # a lag or bias is corrected above this many standard deviations
-TRUTH_SAMPLES = 600_000  # number of samples that determine the quality of a truth
 OFFLINE_SMOOTHER = 'the off-line smoother'
 SHIFTED_NOTE = 'it is shifted by that (--no-correct-reference keeps it)'
 
@@ -99,36 +101,20 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
     bag.check_messages()
     topic = options.truth or TRUTH
     if options.truth is None and topic not in bag.topics:
-        if not options.observers and DriveStream.recognises(bag.topics.__contains__, False):
-            raise UserError(
-                f'{path}: a drive without truth: add --observer pmsm and its motor data (--params '
-                f"FILE), or try 'velocity_estimator doctor {path}'"
-            )
-        unread = USUAL_MEASUREMENT in measured_topics(bag) and not measurement
-        raise UserError(
-            f'{path}: no truth: there is no topic {TRUTH}'
-            + (f', and {why_none(bag, USUAL_MEASUREMENT)}' if unread else '')
-            + '; name another JointState with '
-            f'velocities with --truth ({_joint_state_topics(bag)}), or a measurement for an '
-            f'off-line reference with --measurement or --angle {a_number(bag)}'
-        )
+        raise UserError(f'{path}: {_no_truth(bag, path, measurement, options)}')
     bag.require(topic, (TYPE,))
     series = joint_series(bag, topic)
-    if per_sample.available(bag, options):
-        series = per_sample.finer(bag, per_sample.TRUE_SAMPLES, series)
-        topic = f'{topic} and {per_sample.TRUE_SAMPLES}'
-    series = {joint: _finite(each) for joint, each in series.items()}
+    if has_true_samples(bag, options):
+        series = of_samples(bag, TRUE_SAMPLES, series)
+        topic = f'{topic} and {TRUE_SAMPLES}'
+    series = {joint: _kept(each, np.isfinite(each.velocity)) for joint, each in series.items()}
     series = {joint: each for joint, each in series.items() if len(each.stamps_ns)}
     if not series:
         raise UserError(f'{path}: {topic} has no velocities: name another topic with --truth')
     if not any((each.stamps_ns > 0).any() for each in series.values()):
         raise UserError(
-            f'{path}: {topic} has no stamps: '
-            + (
-                "compare with an off-line reference, '--reference smoother'"
-                if measurement
-                else 'name another topic with --truth'
-            )
+            f"{path}: {topic} has no stamps: compare with an off-line reference, '--reference "
+            "smoother', or name another topic with --truth"
         )
     found = Truth(topic, series, {})
     for joint, each in series.items():
@@ -146,6 +132,27 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
     if options.correct_reference is None:
         _shift(found, measurement, options)
     return found
+
+
+def _no_truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options) -> str:
+    """Return what to do about a bag without a truth."""
+    if not options.observers and DriveStream.recognises(bag.topics.__contains__, False):
+        return (
+            'a drive without truth: add --observer pmsm and its motor data (--params FILE), or try '
+            f"'velocity_estimator doctor {path}'"
+        )
+    why = f'no truth: there is no topic {TRUTH}'
+    if not measurement and USUAL_MEASUREMENT in measured_topics(bag):
+        why += f', and {why_none(bag, USUAL_MEASUREMENT)}'
+    others = [
+        name
+        for name, topic in bag.topics.items()
+        if topic.type == TYPE and not name.endswith(ESTIMATE_SUFFIXES)
+    ]
+    return (
+        f'{why}; name another JointState with velocities with --truth (here: {listed(others)}), or '
+        f'a measurement for an off-line reference with --measurement or --angle {a_number(bag)}'
+    )
 
 
 def _shift(found: Truth, measurement: dict[str, Series], options: Options) -> None:
@@ -179,21 +186,18 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
     with progress(f'{path}: reference', steps) as advance:
         for joint, whole in measurement.items():
             start = int(np.min(whole.stamps_ns[whole.stamps_ns > 0], initial=2**62))
-            within = options.within(whole.stamps_ns, start)
-            each = whole if within.all() else _part(whole, within)
-            period = 0.0 if joint.endswith(ELECTRICAL) else options.period(joint)
+            each = _kept(whole, options.within(whole.stamps_ns, start))
             if joint.endswith(ELECTRICAL):
-                moved = motion(each.stamps_ns, each.position, period)
+                moved = motion(each.stamps_ns, each.position, 0.0)
+                moved = None if moved is None else of_angles(moved)
             else:
-                moved = _examined(found, joint, each, period, start)
+                moved = _examined(found, joint, each, options.period(joint), start)
+            if moved is not None and options.motion_hz is not None:
+                moved = moved.below(options.motion_hz)
             found.motions[joint] = moved
             advance(1)
             if moved is None:
                 continue
-            if joint.endswith(ELECTRICAL):
-                found.motions[joint] = moved = of_angles(moved)
-            if options.motion_hz is not None:
-                found.motions[joint] = moved = moved.below(options.motion_hz)
             firm = moved.firm
             nothing = np.full(int(np.count_nonzero(firm)), np.nan)
             found.series[joint] = Series(
@@ -235,17 +239,7 @@ def _examined(
 
 
 def _reference(truth: Series, measurement: Series | None, period: float) -> Reference:
-    """Return the truth's own lag, bias and noise against the measured position, or its noise only.
-
-    For a long record the middle `TRUTH_SAMPLES` samples are used.
-    """
-    if len(truth.stamps_ns) > TRUTH_SAMPLES:
-        first = (len(truth.stamps_ns) - TRUTH_SAMPLES) // 2
-        truth = _part(truth, slice(first, first + TRUTH_SAMPLES))
-        if measurement is not None:
-            low, high = np.min(truth.stamps_ns), np.max(truth.stamps_ns)
-            near = (measurement.stamps_ns >= low) & (measurement.stamps_ns <= high)
-            measurement = _part(measurement, near)
+    """Return the quality of a truth against the measured position, or its noise only."""
     if measurement is None:
         alone = match(truth.stamps_ns, truth.stamps_ns, truth.velocity, truth.velocity, 0.0)
         return reference.noise_only(alone.time, alone.velocity, truth.position[alone.rows], period)
@@ -259,14 +253,13 @@ def _reference(truth: Series, measurement: Series | None, period: float) -> Refe
 
 def measured_truth(truth: Series, measurement: Series, period: float) -> tuple[Series, float]:
     """Return a measured velocity without its fitted lag and bias, and the rms of its noise."""
-    known = _reference(_finite(truth), measurement, period)
-    return _correct(_finite(truth), known)[0], known.noise
+    truth = _kept(truth, np.isfinite(truth.velocity))
+    known = _reference(truth, measurement, period)
+    return _correct(truth, known)[0], known.noise
 
 
-def _part(series: Series, rows: slice | NDArray[np.bool_]) -> Series:
-    return Series(
-        series.stamps_ns[rows], series.position[rows], series.velocity[rows], series.effort[rows]
-    )
+def _kept(series: Series, rows: NDArray[np.bool_]) -> Series:
+    return Series._make(values[rows] for values in series)
 
 
 def _correct(truth: Series, known: Reference) -> tuple[Series, dict[str, float]]:
@@ -277,13 +270,6 @@ def _correct(truth: Series, known: Reference) -> tuple[Series, dict[str, float]]
         stamps_ns=truth.stamps_ns - round(lag * 1e9), velocity=truth.velocity - bias
     )
     return series, {'lag_s': lag, 'bias': bias}
-
-
-def _finite(series: Series) -> Series:
-    """Return only the rows with a velocity."""
-    good = np.isfinite(series.velocity)
-    nothing = np.broadcast_to(np.nan, int(np.count_nonzero(good)))  # efforts are not used here
-    return Series(series.stamps_ns[good], series.position[good], series.velocity[good], nothing)
 
 
 def check_common(path: str, source: str, joints: Iterable[str], true: Truth) -> None:
@@ -302,12 +288,3 @@ def check_common(path: str, source: str, joints: Iterable[str], true: Truth) -> 
 def listed(names: Iterable[str]) -> str:
     """Return names in one line."""
     return ', '.join(name or "''" for name in sorted(names)) or 'none'
-
-
-def _joint_state_topics(bag: Bag) -> str:
-    names = [
-        name
-        for name, topic in bag.topics.items()
-        if topic.type == TYPE and not name.endswith(ESTIMATE_SUFFIXES)
-    ]
-    return f'here: {listed(names)}' if names else 'here: no JointState at all'

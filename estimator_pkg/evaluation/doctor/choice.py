@@ -103,7 +103,7 @@ def candidates(rate: float) -> list[Entry]:
 
 
 def _entry(observer: str, **values: Any) -> Entry:
-    return Entry(_label(observer, values), observer, tuple(values.items()), 'this record')
+    return Entry(_label(observer, values), observer, tuple(values.items()))
 
 
 def estimates(seen: Readings, reference: ReferenceMotion, entry: Entry, rows: NDArray) -> Array:

@@ -8,15 +8,14 @@ reference if there is none.
 from __future__ import annotations
 
 import argparse
-import contextlib
 from typing import Any
 
 from estimator_pkg import destination, interrupts
 from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.evaluation.compare import requested
-from estimator_pkg.evaluation.compare.comparison import Comparison, compare
 from estimator_pkg.evaluation.compare.description import describe
+from estimator_pkg.evaluation.compare.evaluate import Comparison, evaluate
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import (
@@ -31,7 +30,7 @@ from estimator_pkg.evaluation.options import (
     window_arguments,
     worker_arguments,
 )
-from estimator_pkg.evaluation.report import full_data, plot
+from estimator_pkg.evaluation.report import files
 from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.observers import DEFAULT
@@ -80,17 +79,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     window_arguments(parser)
     parser.add_argument(
         '--correct-reference',
-        action='store_true',
-        default=None,
-        help="remove the truth's own lag and bias, fitted to the measured position, first "
-        '(default: its lag, where that is certain)',
-    )
-    parser.add_argument(
-        '--no-correct-reference',
-        dest='correct_reference',
-        action='store_false',
-        default=None,
-        help="keep the truth's own lag and bias",
+        action=argparse.BooleanOptionalAction,
+        help="remove the truth's own lag and bias, fitted to the measured position, first, or keep "
+        'them (default: its lag is removed, where that is certain)',
     )
     parser.add_argument(
         '--reference',
@@ -101,9 +92,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     joint_arguments(parser)
     parser.add_argument(
-        '--html',
-        metavar='FILE',
-        help='write a page with tables, zoomable plots and recommendations',
+        '--html', metavar='FILE', help='write a page: tables, zoomable plots, recommendations'
     )
     parser.add_argument(
         '--data', metavar='FILE', help='write every compared sample (.npz, for numpy.load)'
@@ -126,58 +115,60 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     observers = requested.entries(parsed.observer, parsed.params, parsed.set)
     chosen = options_of(parsed, observers, columns, parsed.estimate)
     if parsed.plot:
-        plot.check(parsed.plot)
+        files.check(parsed.plot)
     if parsed.data:
         destination.check(parsed.data)
+    if parsed.html:
+        from estimator_pkg.evaluation import plots
+        from estimator_pkg.evaluation.report import page
+        from estimator_pkg.evaluation.report.findings import findings
+
+        destination.check(parsed.html)
+        plots.check()
     bags = expanded(parsed.bags)
     result: dict[str, Any] = {}
     drawn: list[Comparison] = []
+    found: dict[str, Any] = {}
     left_out: list[LeftOut] = []
-    interrupted = False
-    with contextlib.ExitStack() as stack:
-        run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
-        page = None
-        if parsed.html:
-            from estimator_pkg.evaluation.report.page import ReportPage
-
-            ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
-            report = ReportPage(parsed.html, len(bags), chosen.wrap_period, parsed.data, ran)
-            page = stack.enter_context(report.written())
+    with workers(parsed.jobs, parsed.scheduler) as run_many:
+        every = on_each(run_many, evaluate, bags, chosen, bool(parsed.html), left_out=left_out)
         try:
-            for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
+            for comparison in every:
                 with interrupts.gently():  # a bag is evaluated completely or not at all
-                    text = describe(comparison, parsed.wide, chosen.wrap_period)
+                    text, bag = (
+                        describe(comparison, parsed.wide, chosen.wrap_period),
+                        comparison.bag,
+                    )
                     print(text + '\n')
-                    result[comparison.bag] = comparison.as_dict()
-                    if page is not None:
-                        findings = page.add(comparison)
-                        result[comparison.bag]['findings'] = findings
+                    result[bag] = comparison.as_dict()
+                    if parsed.html:
+                        found[bag] = findings(comparison, chosen.wrap_period)
+                        result[bag]['findings'] = found[bag].sentences
                         said = ' '.join(text.split())
-                        new = [each for each in findings if printable(each) not in said]
+                        new = [each for each in found[bag].sentences if printable(each) not in said]
                         show(*(line for each in new for line in wrapped(f'- {each}')), '')
-                    if parsed.plot or parsed.data:
+                    if parsed.html or parsed.plot or parsed.data:
                         drawn.append(comparison)
                 if interrupts.came() and len(result) < len(bags):
                     raise KeyboardInterrupt
         except KeyboardInterrupt:
             if not result:
                 raise
-            interrupted = True
             interrupts.say(f'interrupted: {len(result)} of {len(bags)} bags are evaluated')
         interrupts.finish()
-        if page is not None:
-            page.left_out = left_out
     if parsed.html:
+        ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
+        page.write(parsed.html, drawn, found, ran, chosen.wrap_period, left_out, parsed.data)
         show(f'page: {parsed.html}')
     if parsed.data:
-        full_data.write(parsed.data, drawn)
+        files.write_samples(parsed.data, drawn)
         show(f'data: {parsed.data}')
     if parsed.plot:
-        plot.draw(drawn, parsed.plot)
+        files.draw(drawn, parsed.plot)
         show(f'plot: {parsed.plot}')
     return {
         'bags': result,
-        'interrupted': interrupted,
+        'interrupted': len(result) + len(left_out) < len(bags),
         'left_out': {each.path: each.why for each in left_out},
     }
 

@@ -1,194 +1,281 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A self-contained page: the verdict, a parameter file, a picture, a table, findings and plots."""
+"""A self-contained page: the verdict, a parameter file, tables, findings and plots."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from estimator_pkg import __version__, destination, whole_file
-from estimator_pkg.evaluation import plots
-from estimator_pkg.evaluation.compare.comparison import Comparison, Row
-from estimator_pkg.evaluation.compare.description import cells, describe_smoother, describe_truth
+from estimator_pkg import __version__, registry, streams, whole_file
+from estimator_pkg.evaluation import pairs, plots
+from estimator_pkg.evaluation.compare.description import cells, describe_reference
+from estimator_pkg.evaluation.compare.evaluate import RAW, Comparison, Row
 from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.report import figures, opening, tradeoff
-from estimator_pkg.evaluation.report.findings import NO_FINDINGS, grouped, look, of_joint, sentences
-from estimator_pkg.evaluation.report.tables import COLUMNS, gains
-from estimator_pkg.evaluation.text import filled
+from estimator_pkg.evaluation.options import PERIOD_KEY, WRAP_PERIOD
+from estimator_pkg.evaluation.parameter_file import as_yaml
+from estimator_pkg.evaluation.ranking.choice import chosen
+from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.report.figures import noise_against_delay, over_time_of_joint
+from estimator_pkg.evaluation.report.findings import Findings, grouped
+from estimator_pkg.evaluation.text import filled, for_node, number
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.progress import progress
-from estimator_pkg.streams.drive import ELECTRICAL
 
-PER_ESTIMATE, SHARED = 4, 4  # numbers per instant: velocity, error, deviation, status; and others
+COLUMNS = {  # of `description.cells`: unit
+    **{'rms': 'rad/s', 'mean': 'rad/s', 'max': 'rad/s', 'max at': 's', 'bias': 'rad/s'},
+    **{'delay': 'ms', 'noise': 'rad/s', 'in 95 % interval': '', 'valid': 's'},
+    **{'samples': '', 'dropped': ''},
+}
+NUMBERS = 4  # of an instant and an estimate: velocity, error, deviation, status
+NO_FINDINGS = 'no findings: no gaps, repeats or jitter, and no dominant cause of errors'
 
 
-class ReportPage:
-    """Collects bags and writes the page at the end of `written`.
+def write(
+    path: str,
+    comparisons: Sequence[Comparison],
+    findings: Mapping[str, Findings],
+    entries: Sequence[Entry],
+    period: float,
+    left_out: Sequence[LeftOut] = (),
+    data: str | None = None,
+) -> None:
+    """Write the page.
 
     Parameters
     ----------
-    path : of the page; it appears when it is complete.
-    bags : number of bags, which share the points.
-    period : wrap period of the positions [rad].
+    findings : by bag. entries : the observers that were run, with their parameters.
+    period : wrap period of the positions [rad]. left_out : the bags that could not be evaluated.
     data : file with every sample, to which the page refers; None: none.
-    entries : the observers that were run, with their parameters.
-
-    Attributes
-    ----------
-    left_out : the bags that could not be evaluated.
-
-    Raises
-    ------
-    UserError : the file cannot be written, or the library is missing.
     """
+    by_label = {entry.label: entry for entry in entries}
+    rows = {each.bag: _rows(each) for each in comparisons}
+    best = {each.bag: _best(each, rows[each.bag]) for each in comparisons}
+    front = dict.fromkeys(row.source for of in best.values() for row in of.values())
+    front |= dict.fromkeys([RAW.label] if any(each.raw for each in comparisons) else [])
+    every = (row.source for of in rows.values() for own in of.values() for row in own)
+    styles = plots.styles(dict.fromkeys([*front, *every]))
+    count = sum(NUMBERS * (1 + len(own)) for of in rows.values() for own in of.values())
+    bags: list[dict[str, Any]] = []
+    drawn: list[Any] = []
 
-    def __init__(
-        self, path: str, bags: int, period: float, data: str | None, entries: Sequence[Entry]
-    ) -> None:
-        self._path = Path(path)
-        destination.check(path)
-        plots.check()
-        self._data = data
-        self._period = period
-        self._count = max(1, bags)
-        self._entries = {entry.label: entry for entry in entries}
-        self._bags: list[dict[str, Any]] = []
-        self._drawn: list[Any] = []
-        self._sources: dict[str, None] = {}  # in the order of the first verdict
-        self._front: dict[str, None] = {}  # those that are visible at first
-        self.left_out: list[LeftOut] = []
+    def place(plot: Any) -> int:
+        drawn.append(plot)
+        return len(drawn) - 1
 
-    @contextmanager
-    def written(self) -> Iterator[ReportPage]:
-        """Write the page at the end, unless an error occurred."""
-        yield self
-        with progress(f'{self._path}: page', None):
-            every = 'Every compared sample: evaluate --data FILE.'
-            if self._data is not None:
-                every = f'Every compared sample is in {Path(self._data).name} (numpy.load).'
-            text = plots.page(
-                'evaluate.html',
-                self._drawn,
-                title='Velocity estimates',
-                bags=self._bags,
-                styles=plots.styles(self._sources),
-                front=self._front,
-                left_out=self.left_out,
-                data=every,
-                version=__version__,
-            )
-            whole_file.write_text(self._path, text)
-
-    def add(self, comparison: Comparison) -> list[str]:
-        """Add a bag; return its findings as sentences."""
-        verdicts = comparison.verdicts
-        joints = list(dict.fromkeys(row.joint for row in comparison.rows))
-        bag: dict[str, Any] = {'name': Path(comparison.bag).name, 'path': comparison.bag}
-        bag['faulty'] = any(map(opening.faulty, verdicts.values()))
-        self._bags.append(bag)
-        if not joints:  # nothing was compared: the default observer
-            said = [f'{name}: {text}' for name, v in verdicts.items() for text in v.sentences()]
-            use = [] if bag['faulty'] else [f'Use {DEFAULT} as it is.']
-            bag |= {'use': use, 'said': grouped(said, verdicts), 'errors': {}}
-            return list(comparison.refused.values())
-        quanta: dict[str, float] = {}
-        of_readings: dict[str, list[str]] = {}
-        rows: dict[str, list[Row]] = {}
-        raw: dict[str, Row] = {}
-        chosen: dict[str, Row] = {}
-        with progress(f'{comparison.bag}: page', 2 * len(joints)) as advance:
-            for joint in joints:
-                series = comparison.measurement.get(joint)
-                if series is not None and not joint.endswith(ELECTRICAL):
-                    seen = look(series, comparison.starts[joint], self._period)
-                    if seen is not None:
-                        quanta[joint] = seen.own_quantum
-                        of_readings[joint] = of_joint(comparison, joint, seen)
-                own = [row for row in comparison.rows if row.joint == joint]
-                chosen[joint] = opening.choice(own, verdicts.get(joint))
-                difference = next((row for row in own if row.source == tradeoff.RAW), None)
-                if difference is None:
-                    difference = tradeoff.raw_difference(comparison, joint, own[0], self._period)
-                    own += [] if difference is None else [difference]
-                if difference is not None:
-                    raw[joint] = difference
-                rows[joint] = opening.ordered(own, verdicts.get(joint))
-                advance(1)
-            order = [row.source for each in rows.values() for row in each]
-            front = [*(row.source for row in chosen.values()), *([tradeoff.RAW] if raw else [])]
-            self._front |= dict.fromkeys(front)
-            self._sources |= dict.fromkeys([*front, *order])
-            bag['findings'] = grouped(sentences(comparison, of_readings), joints) or [NO_FINDINGS]
-            bag['use'], said = opening.words(chosen, raw, self._entries, verdicts)
-            every = f'all {len(joints)} joints: '
-            common = [text for text in said if len(joints) == 1 or text.startswith(every)]
-            bag['said'] = [text.removeprefix(every) for text in common]
-            bag['of_joints'] = [text for text in said if text not in common]
-            bag['parameters'] = opening.parameter_file(
-                comparison, chosen, self._entries, quanta, self._period, verdicts
-            )
-            bag |= self._table(comparison, rows, chosen) | self._picture(comparison, rows)
-            numbers = PER_ESTIMATE * (len(comparison.rows) + len(joints)) + SHARED * len(joints)
-            instants = plots.MOST_NUMBERS // (self._count * numbers)
+    with progress(f'{path}: page', len(comparisons)) as advance:
+        for comparison in comparisons:
+            own, chosen = rows[comparison.bag], best[comparison.bag]
+            bag = _verdict(comparison, chosen, by_label)
+            bags.append(bag)
+            advance(1)
+            if not own:
+                continue
+            found = findings[comparison.bag]
+            bag['findings'] = found.sentences or [NO_FINDINGS]
+            bag['parameters'] = parameter_file(comparison, chosen, by_label, found.quanta, period)
+            bag |= _table(comparison, own, chosen, by_label)
+            bag['moving'] = max(own, key=lambda joint: float(np.mean(own[joint][0].truth ** 2)))
+            picture = noise_against_delay(own[bag['moving']], styles)
+            bag['picture'] = None if picture is None else place(picture)
             bag['joints'] = []
-            for joint in joints:
-                styles = plots.styles(self._sources)
-                panels, note = figures.over_time_of_joint(
-                    comparison, joint, rows[joint], instants, styles, self._front
-                )
-                bag['joints'].append((joint, self._place(panels), note))
-                advance(1)
-        return bag['findings']
+            for joint, shown in own.items():
+                points = plots.MOST_NUMBERS // count
+                panels, note = over_time_of_joint(comparison, joint, shown, points, styles, front)
+                bag['joints'].append((joint, place(panels), note))
+    text = 'Every compared sample: evaluate --data FILE.'
+    if data is not None:
+        text = f'Every compared sample is in {Path(data).name} (numpy.load).'
+    page = plots.page(
+        'evaluate.html',
+        drawn,
+        title='Velocity estimates',
+        bags=bags,
+        styles=styles,
+        front=front,
+        left_out=left_out,
+        data=text,
+        version=__version__,
+    )
+    whole_file.write_text(Path(path), page)
 
-    def _place(self, plot: Any) -> int:
-        """Add a plot; return its number on the page."""
-        self._drawn.append(plot)
-        return len(self._drawn) - 1
 
-    def _picture(self, comparison: Comparison, rows: Mapping[str, Sequence[Row]]) -> dict[str, Any]:
-        """Return the picture of noise against delay, of the joint that moves fastest."""
-        moving = max(rows, key=lambda joint: float(np.mean(rows[joint][0].truth ** 2)))
-        found = tradeoff.sweeps(comparison, moving, rows[moving], self._entries, self._period)
-        picture = figures.noise_against_delay(found, plots.styles(self._sources))
-        return {'moving': moving, 'picture': None if picture is None else self._place(picture)}
+def _rows(comparison: Comparison) -> dict[str, list[Row]]:
+    """Return the rows of each joint with the finite difference, best first."""
+    found: dict[str, list[Row]] = {}
+    for row in comparison.rows:
+        found.setdefault(row.joint, []).append(row)
+    for joint, own in found.items():
+        raw = comparison.raw.get(joint)
+        if raw is not None and all(row.source != raw.source for row in own):
+            own.append(raw)
+    return {joint: ordered(own, comparison.verdicts.get(joint)) for joint, own in found.items()}
 
-    def _table(
-        self, comparison: Comparison, rows: Mapping[str, Sequence[Row]], chosen: Mapping[str, Row]
-    ) -> dict[str, Any]:
-        """Return the table of the estimates, and how good their reference is."""
-        ordered = [row for each in rows.values() for row in each]
-        every = [cells(row) for row in ordered]
-        kept, texts = filled([*COLUMNS], [[each[name] for name in COLUMNS] for each in every])
-        lines = []
-        errors: dict[str, dict[str, Any]] = {}
-        for row, own, shown in zip(ordered, every, texts):
-            verdict = comparison.verdicts.get(row.joint)
-            ranked = verdict.best if verdict is not None else not row.reference_cannot_tell
-            small = [row.joint] * (len(rows) > 1) + [gains(row, self._entries.get(row.source))]
-            best = bool(ranked) and chosen[row.joint] is row
-            line = {'source': row.source, 'best': best, 'small': small, 'cells': shown}
-            lines.append(line | {'rms': own['rms']})
-            errors.setdefault(row.joint, {})[row.source] = lines[-1]
-        references = [
-            f'{joint}: {describe_smoother(comparison.smoothed[joint], known.noise)}'
-            if joint in comparison.smoothed
-            else f'The truth of {joint}, compared with the measured position: '
-            f'{describe_truth(known)}'
-            for joint, known in comparison.references.items()
-            if joint in rows
-        ]
-        columns = [(title, COLUMNS[title]) for title in kept]
-        return {
-            'truth': comparison.truth,
-            'columns': columns,
-            'rows': lines,
-            'errors': errors,
-            'references': references,
+
+def _best(comparison: Comparison, rows: Mapping[str, Sequence[Row]]) -> dict[str, Row]:
+    """Return the row to use of each joint: one of those that were asked for."""
+    found = {}
+    for joint, own in rows.items():
+        asked = [row for row in own if row is not comparison.raw.get(joint)]
+        found[joint] = choice(asked, comparison.verdicts.get(joint))
+    return found
+
+
+def _verdict(
+    comparison: Comparison, best: Mapping[str, Row], entries: Mapping[str, Entry]
+) -> dict[str, Any]:
+    """Return the first screen of a bag."""
+    verdicts = comparison.verdicts
+    faulty = any(not verdict.choice for verdict in verdicts.values())
+    said = [
+        f'{joint}: {text}'
+        for joint, verdict in verdicts.items()
+        if joint in best or not best
+        for text in verdict.sentences()
+    ]
+    if len(best) == 1:
+        said = [text.partition(': ')[2] for text in said]
+    use_default = [] if best or faulty else [f'Use {DEFAULT} as it is.']
+    return {
+        'name': Path(comparison.bag).name,
+        'path': comparison.bag,
+        'truth': comparison.truth.name,
+        'faulty': faulty,
+        'use': use(best, comparison, entries) or use_default,
+        'said': grouped(said, best or verdicts),
+        'errors': {},
+    }
+
+
+def _table(
+    comparison: Comparison,
+    rows: Mapping[str, Sequence[Row]],
+    best: Mapping[str, Row],
+    entries: Mapping[str, Entry],
+) -> dict[str, Any]:
+    """Return the table of the estimates, and how good their reference is."""
+    every = [row for own in rows.values() for row in own]
+    shown = [cells(row) for row in every]
+    kept, texts = filled([*COLUMNS], [[each[name] for name in COLUMNS] for each in shown])
+    errors: dict[str, dict[str, Any]] = {joint: {} for joint in rows}
+    for row, line, text in zip(every, shown, texts):
+        verdict = comparison.verdicts.get(row.joint)
+        ranked = verdict.best if verdict is not None else not row.reference_cannot_tell
+        entry = entries.get(row.source)
+        gains = ', '.join(f'{name} {value}' for name, value in entry.values) if entry else ''
+        errors[row.joint][row.source] = {
+            'source': row.source,
+            'best': bool(ranked) and best[row.joint] is row,
+            'small': [row.joint] * (len(rows) > 1) + [gains] * bool(gains),
+            'cells': text,
+            'rms': line['rms'],
         }
+    return {
+        'columns': [(title, COLUMNS[title]) for title in kept],
+        'rows': [line for of in errors.values() for line in of.values()],
+        'errors': errors,
+        'references': [describe_reference(comparison.truth, joint) for joint in rows],
+    }
+
+
+def _rms(row: Row) -> float:
+    return float(np.nan_to_num(row.velocity['rms'], nan=math.inf))
+
+
+def ordered(rows: Sequence[Row], verdict: Verdict | None) -> list[Row]:
+    """Return the rows of a joint in the order of the verdict, else of their errors."""
+    place = {name: i for i, name in enumerate(verdict.rms)} if verdict else {}
+    return sorted(rows, key=lambda row: (place.get(row.source, len(place)), _rms(row)))
+
+
+def choice(rows: Sequence[Row], verdict: Verdict | None) -> Row:
+    """Return the row to use, of those in order, by the rule of `chosen`."""
+    if verdict is not None:
+        return next((row for row in rows if row.source == verdict.choice), rows[0])
+    by_source = {row.source: row for row in rows}
+
+    def better(one: str, other: str) -> int:
+        """Return the result of the pair against the truth, where both have an estimate."""
+        a, b = by_source[one], by_source[other]
+        time, *common = np.intersect1d(a.time, b.time, return_indices=True)
+        if len(time) < 2:
+            return 0
+        squares = [(row.estimate[at] - row.truth[at]) ** 2 for row, at in zip((a, b), common)]
+        block = pairs.blocks(time)
+        sums = np.bincount(block, squares[0] - squares[1])
+        return pairs.of_sums([sums], [np.bincount(block)]).sign
+
+    errors = {source: _rms(row) for source, row in by_source.items()}
+    return by_source[chosen(errors, (DEFAULT,), better)]
+
+
+def use(best: Mapping[str, Row], comparison: Comparison, entries: Mapping[str, Entry]) -> list[str]:
+    """Return what to use, and its largest error next to that of the finite difference."""
+    by_source: dict[str, list[str]] = {}
+    for joint, row in best.items():
+        if source := _to_use(row, comparison.verdicts.get(joint)):
+            by_source.setdefault(source, []).append(joint)
+    found = []
+    for source, joints in by_source.items():
+        entry = entries.get(source)
+        how = ' as it is' if entry or _is_observer(source) else ''
+        how = ' with the parameters below' if entry and entry.values else how
+        on = f' on {", ".join(joints)}' if len(by_source) > 1 else ''
+        text = f'Use {source}{how}{on}.'
+        own = [best[joint] for joint in joints if best[joint].source == source]
+        raw = [comparison.raw[row.joint] for row in own if row.joint in comparison.raw]
+        if own:
+            text += f' Its error is {number(max(map(_rms, own)), 2)} rad/s rms'
+            others = f', that of {RAW.label} {number(max(map(_rms, raw)), 2)}' if raw else ''
+            text += f'{others if source != RAW.label else ""}.'
+        found.append(text)
+    return found
+
+
+def parameter_file(
+    comparison: Comparison,
+    best: Mapping[str, Row],
+    entries: Mapping[str, Entry],
+    quanta: Mapping[str, float],
+    period: float,
+) -> str:
+    """Return the parameter file of the node for the observer that most joints need.
+
+    '' if it is no observer, or if nothing is recommended for any joint.
+
+    Parameters
+    ----------
+    quanta : of the readings [rad], by joint; 0: none. period : wrap period [rad]; 0: none.
+    """
+    used = {joint: _to_use(row, comparison.verdicts.get(joint)) for joint, row in best.items()}
+    used = {joint: source for joint, source in used.items() if source}
+    sources = list(used.values())
+    source = max(dict.fromkeys(sources), key=sources.count, default='')
+    entry = entries.get(source)
+    if entry is None and not _is_observer(source):
+        return ''
+    observer, values = (entry.observer, dict(entry.values)) if entry else (source, {})
+    stream = streams.of_observer(observer)
+    known = streams.parameters(observer, values)
+    if stream.WRAPS and period != WRAP_PERIOD:
+        values = {PERIOD_KEY: period} | values
+    if 'observer' in known:
+        values = {'observer': observer} | values
+    head = [f'{observer}, from {Path(comparison.bag).name}', *for_node(stream.NODE)]
+    counts = {joint: quanta[joint] for joint in used if joint in quanta}
+    return as_yaml(head, values, counts if 'quantum' in known else {})
+
+
+def _to_use(row: Row, verdict: Verdict | None) -> str:
+    """Return the name of the estimate to use; '': the readings must be mended first."""
+    return row.source if verdict is None else verdict.choice
+
+
+def _is_observer(source: str) -> bool:
+    return source in registry.names(registry.OBSERVERS)

@@ -1,15 +1,12 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``evaluate``, ``replay`` and ``tune`` with a second sensor."""
+"""``evaluate`` and ``replay`` with a second sensor."""
 
 import json
 from pathlib import Path
 
-import pytest
-
 from estimator_pkg.cli import main
-from estimator_pkg.params_file import load
 
 BAGS = Path(__file__).parents[3] / 'bags/simulated'
 ALONE = ('--set', 'quantum=0.00153398')
@@ -35,22 +32,9 @@ def test_evaluate_prints_the_row_and_what_was_learnt(tmp_path, capsys):
     assert 'delay 0.00398' in of_wheel(file)['samples']['sources']['gyro']
 
 
-def test_replay_gives_the_same_from_an_absolute_topic(capsys):
-    assert main(['replay', str(BAGS / 'gyro'), *GYRO]) == 0
-    assert 'gyro used, bias 0.0298' in capsys.readouterr().out
-
-
 def test_a_source_that_is_not_in_the_bag_or_misspelt_is_named(capsys):
     assert main(['replay', str(BAGS / 'sine_12bit'), *GYRO]) == 2
     assert "'/imu' is not in the bag: omit it in 'sources'" in capsys.readouterr().err
     words = ('--observer', 'edge_adaptive', *GYRO, '--set', 'source.gyro.rato=1')
     assert main(['evaluate', str(BAGS / 'gyro'), *words]) == 2
     assert "did you mean 'source.gyro.ratio'?" in capsys.readouterr().err
-
-
-@pytest.mark.long
-def test_tune_writes_the_parameters_of_the_source(tmp_path):
-    out = tmp_path / 'tuned.yaml'
-    words = ('--observer', 'edge_adaptive', *GYRO, '--trials', '2', '--out', str(out))
-    assert main(['tune', str(BAGS / 'gyro'), *words]) == 0
-    assert load(str(out), 'joint_observer')['source.gyro.topic'] == '/imu'

@@ -13,8 +13,6 @@ from joint_bags import write_bag
 
 from estimator_pkg.cli import main
 
-pytest.importorskip('optuna', reason='not run: Optuna is not installed')
-
 
 def swing(path, seconds, rate=500.0):
     """A joint that swings at 1 Hz, with its truth."""
@@ -51,22 +49,15 @@ def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys)
     assert list(found['left_out']) == bad
     assert 'no valid estimate' in found['left_out'][str(mixed / 'short')]
     assert all(why in html.unescape(page.read_text()) for why in found['left_out'].values())
-    assert main(['tune', *words, '--trials', '2', '--out', str(tmp_path / 'gains.yaml')]) == 0
-    found = json.loads(result.read_text())
-    assert found['tuned'][0]['bags'] == [str(mixed / 'good')]
-    assert list(found['left_out']) == [str(mixed / 'torn')]
-    (short,) = (note for note in found['notes'] if str(mixed / 'short') in note)
-    assert 'too few for tuning' in short
 
 
 def test_a_bag_that_was_named_is_judged_or_the_command_fails(mixed, tmp_path, capsys):
-    words = ['--observer', 'pll', '--out', str(tmp_path / 'gains.yaml')]
-    short = str(mixed / 'short')
-    assert main(['tune', str(mixed), str(mixed / 'torn'), *words]) == 1
-    assert main(['evaluate', str(mixed), short, '--observer', 'pll']) == 1
+    words = ['--observer', 'pll', '--json', str(tmp_path / 'result.json')]
+    assert main(['evaluate', str(mixed), str(mixed / 'torn'), *words]) == 1
+    assert main(['evaluate', str(mixed), str(mixed / 'short'), *words]) == 1
     for name in ('good', 'short'):
         shutil.rmtree(mixed / name)
-    assert main(['tune', str(mixed), *words]) == 1
+    assert main(['evaluate', str(mixed), *words]) == 1
     said = capsys.readouterr().err.strip().splitlines()
     assert said[-1].endswith(f'{mixed}: none of the bags in it can be evaluated (reasons above)')
-    assert not (tmp_path / 'gains.yaml').exists()
+    assert not (tmp_path / 'result.json').exists()

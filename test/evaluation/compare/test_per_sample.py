@@ -81,18 +81,6 @@ def test_another_truth_is_taken_as_it_is(drive, tmp_path):
         assert joints['motor_electrical']['matched']['compared'] <= 15
 
 
-@pytest.mark.long
-def test_a_short_drive_can_be_tuned(drive, tmp_path):
-    pytest.importorskip('optuna', reason='not run: Optuna is not installed')
-    out = tmp_path / 'out.json'
-    words = [str(drive / 'bag'), '--observer', 'pmsm', *MOTOR, '--trials', '4']
-    words += ['--out', str(tmp_path / 'gains.yaml'), '--json', str(out)]
-    assert main(['tune', *words]) == 0
-    (each,) = json.loads(out.read_text())['tuned']
-    assert list(each['best']['by_joint']) == ['motor_electrical']
-    assert each['held_out'] and each['best']['by_joint']['motor_electrical']['published'] > 0.9
-
-
 @pytest.mark.parametrize('serialization', ['cdr', 'json'])
 def test_a_bag_that_holds_something_else_there_is_one_line(serialization, drive, tmp_path, capsys):
     """Batches of another shape, and batches that are not CDR, which would decode all the same."""
