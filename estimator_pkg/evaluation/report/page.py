@@ -20,8 +20,7 @@ from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import PERIOD_KEY, WRAP_PERIOD
 from estimator_pkg.evaluation.parameter_file import as_yaml
-from estimator_pkg.evaluation.ranking.choice import chosen
-from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.ranking.verdict import Verdict, chosen
 from estimator_pkg.evaluation.report.figures import noise_against_delay, over_time_of_joint
 from estimator_pkg.evaluation.report.findings import Findings, grouped
 from estimator_pkg.evaluation.text import filled, for_node, number
