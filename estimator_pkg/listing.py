@@ -58,7 +58,7 @@ def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dic
     for model in models:
         gains: Any = build(record.gains, {**values, 'model': model}, owner=name)
         try:
-            plan = record.module.plan(gains, Circle())
+            plan = record.plan(gains, Circle())
         except UserError as error:
             if len(models) == 1:
                 raise
@@ -183,7 +183,7 @@ def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
                 getattr(record, 'reference', ''),
                 tuple(declared(cls).values()) if cls is not None else (),
                 live,
-                why_plain(record) if isinstance(record, observers.Observer) else '',
+                why_plain(record) if group == registry.OBSERVERS else '',
             )
         )
     return items

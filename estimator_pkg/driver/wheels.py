@@ -17,14 +17,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.angle.edge import observer as edge_adaptive
+from estimator_pkg.observers.angle.edge import EdgeAdaptive
 from estimator_pkg.parameters import structural
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter
 from estimator_pkg.sensor.source import agree
@@ -45,13 +45,20 @@ PREDICTION_WEIGHT = 0.02  # of one value in the mean square error of its predict
 GYRO_QUEUE = 4096  # values of the gyro that wait for the wheels at most
 SMALL_TURN = 1e-4  # angle [rad] below which an arc is its series
 
-OBSERVER = replace(
-    edge_adaptive.OBSERVER,
-    name='wheel_odometry',
-    kind='wheels',
-    summary='edge_adaptive on the wheels of a base: odometry with covariances, slip named',
-    reference='docs/wheel_odometry.md: Chong and Kleeman 1997, Borenstein and Feng 1996',
-)
+
+class WheelObserver(EdgeAdaptive):
+    """`edge_adaptive` on each wheel."""
+
+    name = 'wheel_odometry'
+    kind = 'wheels'
+    summary = 'edge_adaptive on the wheels of a base: odometry with covariances, slip named'
+    reference = 'docs/wheel_odometry.md: Chong and Kleeman 1997, Borenstein and Feng 1996'
+
+    @classmethod
+    def bound(cls, gains: Any) -> type[EdgeAdaptive]:
+        """Return the observer of a wheel."""
+        return EdgeAdaptive
+
 
 Array = NDArray[np.float64]
 

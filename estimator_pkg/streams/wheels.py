@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.driver.bank import Bank, Taken
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.wheels import OBSERVER, Geometry, WheelOdometry
+from estimator_pkg.driver.wheels import Geometry, WheelObserver, WheelOdometry
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import odometry
@@ -67,10 +67,10 @@ class WheelSettings(Geometry, StreamSettings):
         description='time of a message: its header stamp, or the time of publishing',
     )
 
-    def find_observer(self) -> Observer:
+    def find_observer(self) -> type[Observer]:
         """Return the observer; raise UsageError for a base that is none."""
         self.check()
-        return OBSERVER
+        return WheelObserver
 
 
 class WheelStream(Stream):
@@ -93,7 +93,7 @@ class WheelStream(Stream):
                 )
             )
         bank = Bank(configuration, settings.names)
-        super().__init__(settings, OBSERVER, bank, inputs, (ESTIMATE, STDDEV, ODOMETRY))
+        super().__init__(settings, WheelObserver, bank, inputs, (ESTIMATE, STDDEV, ODOMETRY))
         of_wheel = configuration.for_joint(settings.wheels_left[0])[1]
         ratio = settings.gyro_ratio if settings.gyro_topic else 0.0
         self.base = WheelOdometry(settings, ratio, of_wheel.wrap_period, of_wheel.timeout)

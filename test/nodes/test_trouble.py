@@ -10,7 +10,6 @@ import dataclasses
 import math
 import re
 import time
-from types import ModuleType
 
 import dds
 import motors
@@ -27,7 +26,6 @@ from estimator_pkg.models import gripper
 from estimator_pkg.nodes.detection import JOINT_PATIENCE
 from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
-from estimator_pkg.observers.contract import Observer
 from estimator_pkg.streams.adaptive import AdaptiveStream
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
 from estimator_pkg.streams.drive import DriveStream
@@ -405,25 +403,26 @@ def test_batches_without_a_row_are_reported(own, capfd):
     assert f'2 of 3{text}' in capfd.readouterr().err
 
 
-class FragileObserver(Observer):
-    """It gives no numbers at a bandwidth of 123 Hz."""
+def fragile(observer):
+    """This observer, which gives no numbers at a bandwidth of 123 Hz."""
 
-    def module_of(self, gains):
+    class Broken(observer):
+        @staticmethod
         def prepare(coefficients, design, dt):
             raise OverflowError('math range error')
 
-        if gains.bandwidth_hz != 123.0:
-            return self.module
-        made = ModuleType('fragile')
-        vars(made).update({**vars(self.module), 'prepare': prepare, '__name__': 'fragile'})
-        return made
+    class Fragile(observer):
+        @classmethod
+        def bound(cls, gains):
+            return Broken if gains.bandwidth_hz == 123.0 else observer
+
+    return Fragile
 
 
 @dataclasses.dataclass(frozen=True)
 class FragileSettings(AngleSettings):
     def find_observer(self):
-        found = super().find_observer()
-        return FragileObserver(**vars(found))
+        return fragile(super().find_observer())
 
 
 class Fragile(AngleStream):
