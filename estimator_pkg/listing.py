@@ -183,7 +183,7 @@ def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
                 getattr(record, 'reference', ''),
                 tuple(declared(cls).values()) if cls is not None else (),
                 live,
-                why_plain(record) if group == registry.OBSERVERS else '',
+                why_plain(record) if observers.is_observer(record) else '',
             )
         )
     return items

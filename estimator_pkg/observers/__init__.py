@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from difflib import get_close_matches
+from typing import Any
 
 from estimator_pkg import registry
 from estimator_pkg.errors import UserError
@@ -34,12 +35,17 @@ def find(name: str) -> type[Observer]:
     UserError : it cannot be imported, or is no `Observer`.
     """
     observer = registry.find(registry.OBSERVERS, name)
-    if not (isinstance(observer, type) and issubclass(observer, Observer)):
+    if not is_observer(observer):
         raise UserError(
             f"observer '{name}': its entry point names {observer!r}, which is not an Observer: "
             'let it name a class that inherits estimator_pkg.observers.Observer'
         )
     return observer
+
+
+def is_observer(found: Any) -> bool:
+    """Return True if what an entry point names is an observer."""
+    return isinstance(found, type) and issubclass(found, Observer)
 
 
 def of_kind(kind: str) -> list[str]:

@@ -120,6 +120,3 @@ def test_the_limit_is_told_in_numbers():
     bandwidth = float(told.rpartition(' ')[2].rstrip(')'))
     assert make(form='paper', bandwidth_hz=0.999 * bandwidth).limit(0.01) is None
     assert make(form='paper', bandwidth_hz=1.001 * bandwidth).limit(0.01) is not None
-
-
-# --- noise ------------------------------------------------------------------------------------

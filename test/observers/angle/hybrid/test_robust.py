@@ -214,8 +214,3 @@ def test_gains_change_live_without_losing_the_state():
     assert joint.stddev()[0] >= 0.0
     now, then = joint.channel.track.coefficients, slow.channel.track.coefficients
     assert (now.alpha, now.beta, now.gamma) == (then.alpha, then.beta, then.gamma)
-
-
-# --- the low-speed bound ----------------------------------------------------------------------
-
-# --- plain and compiled -----------------------------------------------------------------------
