@@ -28,7 +28,7 @@ import yaml
 from benchmarks import ROOT, accuracy, field, motions
 from benchmarks.columns import Column, published, shared
 from estimator_pkg import observers
-from estimator_pkg.engine.entries import entries, installed
+from estimator_pkg.engine.entries import entries, installed, path_of
 from estimator_pkg.engine.translate import FLAGS, translate
 from estimator_pkg.evaluation.entries import Entry
 
@@ -108,8 +108,8 @@ def without(path: Path, source: str = '', text: str = '') -> dict[str, Any]:
             shutil.copytree(ROOT / package, root / package, ignore=unused)
         if source:
             (root / source).write_text(text)
-        module = observers.find(OBSERVER).module.__name__
-        own = [each for each in entries(installed(), root) if module in each.static.values()]
+        observer = path_of(observers.find(OBSERVER))
+        own = [each for each in entries(installed(), root) if observer in each.static.values()]
         (root / 'engine.c').write_text(translate(own, root))
         build = ['cc', *FLAGS, '-fPIC', '-shared', 'engine.c', '-lm', '-o']
         subprocess.run([*build, 'estimator_pkg/_engine.so'], cwd=root, check=True)

@@ -58,7 +58,7 @@ def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dic
     for model in models:
         gains: Any = build(record.gains, {**values, 'model': model}, owner=name)
         try:
-            plan = record.module.plan(gains, Circle())
+            plan = record.plan(gains, Circle())
         except UserError as error:
             if len(models) == 1:
                 raise
@@ -174,7 +174,7 @@ def _items(records: Mapping[str, Any], declaring: str, live: bool = True) -> lis
         summary = getattr(record, 'summary', f'({record})')
         cls = getattr(record, declaring, None)
         parameters = tuple(declared(cls).values()) if cls is not None else ()
-        plain = why_plain(record) if isinstance(record, observers.Observer) else ''
+        plain = why_plain(record) if observers.is_observer(record) else ''
         reference = getattr(record, 'reference', '')
         items.append(Item(name, summary, reference, parameters, live, plain))
     return items

@@ -45,11 +45,11 @@ MODEL = '''
 '''
 ENTRY_POINTS = """
     [velocity_estimator.observers]
-    mine = mine:OBSERVER
-    other = other:OBSERVER
+    alpha_beta = alpha_beta:AlphaBeta
+    other = other:AlphaBeta
     broken = broken:OBSERVER
-    nameless = mine:NOTHING
-    a_number = mine:math
+    nameless = alpha_beta:NOTHING
+    a_number = alpha_beta:LAG_2
     [velocity_estimator.models]
     slide = slide:MODEL
     ruin = broken:MODEL
@@ -59,8 +59,8 @@ ENTRY_POINTS = """
 @pytest.fixture(scope='module')
 def foreign(tmp_path_factory):
     """A folder with an installed package in it; two of its entry points lead nowhere."""
-    other = OBSERVER.replace("'mine'", "'other'").replace('rate * error', 'rate * sum([error])')
-    files = {'mine.py': OBSERVER, 'slide.py': MODEL, 'broken.py': 'def (', 'other.py': other}
+    other = OBSERVER.replace("'alpha_beta'", "'other'").replace('/ dt', '/ sum([dt])')
+    files = {'alpha_beta.py': OBSERVER, 'slide.py': MODEL, 'broken.py': 'def (', 'other.py': other}
     return install(tmp_path_factory.mktemp('site'), files, ENTRY_POINTS)
 
 
@@ -72,17 +72,22 @@ def environment(foreign):
 MODEL_OF_SLIDE = '--set model=slide --set model_parameters=[stiffness=5.0]'
 REPLAY = f'replay {BAG} --out OUT --observer'
 RUNS = {  # words of a command -> its exit code, and what it prints
-    'list': (0, ' mine an alpha-beta filter', ' slide a slide on a spring'),
+    'list': (0, ' alpha_beta an alpha-beta filter', ' slide a slide on a spring'),
     'list observers': (
         0,
         r"\(observer 'broken' \(broken:OBSERVER\) cannot be imported: SyntaxError",
         r"has no attribute 'NOTHING'\)",
         ' hybrid_angle ',
     ),
-    f'{REPLAY} mine --set alpha=0.2': (0, 'tracking'),
-    f'evaluate {BAG} --observer mine': (0, 'mine', 'rms'),
-    'export mine --out OUT': (0, r'(\d+) samples: \1 equal to the last bit'),
-    'list mine': (0, "plain Python: the engine has observers of this package alone, and 'mine' is"),
+    f'{REPLAY} alpha_beta --set alpha=0.2': (0, 'tracking'),
+    f'evaluate {BAG} --observer alpha_beta': (0, 'alpha_beta', 'rms'),
+    f'tune {BAG} --observer alpha_beta --trials 3 --out OUT': (0, 'alpha'),
+    'export alpha_beta --out OUT': (0, r'(\d+) samples: \1 equal to the last bit'),
+    'list alpha_beta': (
+        0,
+        "plain Python: the engine has observers of this package alone, and 'alpha_beta' is",
+        r'alpha\b.*weight of the innovation',
+    ),
     'export other --out OUT': (
         2,
         "^velocity_estimator export: 'other' cannot be exported: other.py:",
@@ -134,10 +139,20 @@ def test_a_command_with_an_observer_or_a_model_of_another_package(words, ran):
 @pytest.mark.long
 def test_the_tests_of_the_contract_run_on_an_observer_of_another_package(foreign):
     done = subprocess.run(
-        [sys.executable, '-m', 'pytest', '-v', '-k', '[mine', CONTRACT],
+        [sys.executable, '-m', 'pytest', '-v', '-k', '[alpha_beta', CONTRACT],
         capture_output=True,
         text=True,
         env=environment(foreign),
     )
     assert done.returncode == 0, done.stdout
     assert int(re.search(r'(\d+) passed', done.stdout)[1]) >= 20
+
+
+@pytest.mark.long
+def test_the_tables_of_the_documentation_have_an_observer_of_another_package(foreign):
+    script = 'from docs.tools.parameters import pages; print(pages()["joint_observer.md"])'
+    folder = Path(__file__).parent.parent
+    page = subprocess.check_output(
+        [sys.executable, '-c', script], cwd=folder, env=environment(foreign), text=True
+    )
+    assert '## Observer alpha_beta' in page and '| `alpha` | 0.3 |' in page

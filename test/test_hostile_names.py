@@ -68,7 +68,7 @@ def test_identify_and_save_write_names_as_names(tmp_path):
         names=(),
         parameters=(SimpleNamespace(stddev=0.5),) * 4,
     )
-    joint = SimpleNamespace(gains=adaptive.OBSERVER.gains())
+    joint = SimpleNamespace(gains=adaptive.Adaptive.gains())
     bank = SimpleNamespace(reports=lambda: {IMPORTS: said}, joints={IMPORTS: joint})
     for _ in range(2):  # also where it is in the file already
         assert adaptive_file.save(str(tmp_path / 'motor.yaml'), bank) == [IMPORTS]

@@ -41,7 +41,7 @@ class AdaptiveJoint(Joint):
     origin : origin of its start parameters, if they come from a file.
     """
 
-    def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
+    def __init__(self, observer: type[Observer], gains: Any, settings: JointSettings) -> None:
         super().__init__(observer, gains, settings)
         self.evidence = Evidence(structure(gains).slowest, gains.memory)
         self.origin: Origin | None = None
@@ -118,7 +118,7 @@ class AdaptiveConfiguration(Configuration):
 
     def __init__(
         self,
-        observer: Observer,
+        observer: type[Observer],
         common: Mapping[str, Any] | None = None,
         overrides: Mapping[str, Mapping[str, Any]] | None = None,
         saved: Mapping[str, Mapping[str, Any]] | None = None,

@@ -88,7 +88,7 @@ class Configuration:
 
     def __init__(
         self,
-        observer: Observer,
+        observer: type[Observer],
         common: Mapping[str, Any] | None = None,
         overrides: Mapping[str, Mapping[str, Any]] | None = None,
         settings: type[JointSettings] = JointSettings,

@@ -97,7 +97,12 @@ class DriveJoint(Joint):
     plain: Any = drive_channel
 
     def __init__(
-        self, observer: Observer, gains: Any, settings: JointSettings, *, sample_period: float = 0.0
+        self,
+        observer: type[Observer],
+        gains: Any,
+        settings: JointSettings,
+        *,
+        sample_period: float = 0.0,
     ) -> None:
         self.given_period = sample_period
         self._period = sample_period

@@ -85,11 +85,11 @@ class Joint(Counted):
     plain: Any = channel  # the module of the record and of its functions
     _lasting: Mapping[int, int] = {}  # newest stamp of each lasting fault, by kind [ns]
 
-    def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
+    def __init__(self, observer: type[Observer], gains: Any, settings: JointSettings) -> None:
         self.observer, self.settings, self.gains = observer, settings, gains
         self.module = self._module_of(gains)
-        plain = getattr(self.module, 'runs_plain', None)
-        self.compiled: Any = None if plain and plain(gains) else functions_of(self.module)
+        plain = self.module.runs_plain(gains)
+        self.compiled: Any = None if plain else functions_of(self.module)
         self._channel = self.plain.Channel.of(self.module)()
         self.memory: Any = None if self.compiled is None else Memory(type(self._channel))
         self.reset_count = 0
@@ -99,7 +99,7 @@ class Joint(Counted):
         self._reset_channel()
 
     def _module_of(self, gains: Any) -> Any:
-        return self.observer.module_of(gains)
+        return self.observer.bound(gains)
 
     def _another(self) -> Joint:
         """Return a new joint like this one."""

@@ -87,10 +87,9 @@ class Motion(State):
         super().take(other)
 
 
-class Steps:
+class Steps(Observer):
     """What `driver.channel` calls of an observer, for mechanisms; see `observers.contract`."""
 
-    SINGLE_ANGLE = EDGES = TURNS = False
     Design, Coefficients, State = Plan, Interval, Motion
 
     @staticmethod
@@ -155,14 +154,14 @@ class Steps:
 
 
 @cache
-def steps_of(observer: Observer) -> type[Steps]:
+def steps_of(observer: Any) -> type[Steps]:
     """Return what `driver.channel` calls of this observer."""
 
     class Own(Steps):
         @staticmethod
         def design(gains: Any, circle: Circle) -> Plan:
             made = Plan()
-            made.plan = observer.module.plan(gains, circle)
+            made.plan = observer.plan(gains, circle)
             return made
 
     return Own
@@ -179,7 +178,12 @@ class Mechanism(Joint):
     settings: MechanismSettings
 
     def __init__(
-        self, name: str, observer: Observer, gains: Any, settings: MechanismSettings, source: str
+        self,
+        name: str,
+        observer: type[Observer],
+        gains: Any,
+        settings: MechanismSettings,
+        source: str,
     ) -> None:
         super().__init__(observer, gains, settings)
         self.name = name
@@ -203,7 +207,8 @@ class Mechanism(Joint):
         settings.check_inputs(mechanics.inputs, f"mechanism '{name}'")
 
     def _module_of(self, gains: Any) -> Any:
-        return steps_of(self.observer)
+        observer: Any = self.observer
+        return steps_of(observer)
 
     def _another(self) -> Mechanism:
         return Mechanism(self.name, self.observer, self.gains, self.settings, self._source)

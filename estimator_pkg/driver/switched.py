@@ -55,7 +55,7 @@ class SwitchedJoint(Joint):
     refused : the newest event that is not used, and why, as text; '': none.
     """
 
-    def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
+    def __init__(self, observer: type[Observer], gains: Any, settings: JointSettings) -> None:
         super().__init__(observer, gains, settings)
         self.model: SwitchedModel = self.module.model
         self.size = len(self.model.indices)

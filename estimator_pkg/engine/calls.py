@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.engine.entries import CHANNELS, c_name
+from estimator_pkg.engine.entries import CHANNELS, c_name, path_of
 from estimator_pkg.engine.load import LIBRARY, load
 from estimator_pkg.optional import OWN
 from estimator_pkg.printable import show
@@ -51,9 +51,9 @@ class Functions:
     batch: Any
     trace: Any
 
-    def __init__(self, library: Any, module: str) -> None:
+    def __init__(self, library: Any, observer: Any) -> None:
         for function in Functions.__annotations__:
-            compiled = getattr(library, c_name(module, function), None)
+            compiled = getattr(library, c_name(path_of(observer), function), None)
             if compiled is not None:
                 setattr(self, function, compiled)
 
@@ -82,10 +82,10 @@ def _refused(reason: str) -> None:
 
 
 @cache
-def functions_of(module: Any) -> Functions | None:
+def functions_of(observer: Any) -> Functions | None:
     """Return the engine's functions of an observer; None: it runs as plain Python."""
     library = _loaded()
-    found = Functions(library, getattr(module, '__name__', ''))
+    found = Functions(library, observer)
     return found if vars(found) else None
 
 
@@ -96,10 +96,10 @@ def why_plain(observer: Any) -> str:
     ----------
     observer : `observers.contract.Observer`.
     """
-    package = observer.module.__name__.partition('.')[0]
+    package = observer.__module__.partition('.')[0]
     if package not in OWN:
         return f"the engine has observers of this package alone, and '{package}' is another"
-    if observer.kind not in CHANNELS and functions_of(observer.module) is None:
+    if observer.kind not in CHANNELS and not any(map(functions_of, observer.__mro__)):
         return 'the engine is for observers of one angle and of drives'
     return load()[1]
 

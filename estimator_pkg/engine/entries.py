@@ -8,8 +8,9 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
-from .sources import Found, Module, RefusedError, Sources
+from .sources import Class, RefusedError, Sources
 from .translate import Entry
 
 OBSERVERS = 'velocity_estimator.observers'
@@ -33,8 +34,13 @@ LOOPS = {  # functions of a module whose arguments are numbers, arrays and recor
 
 
 def c_name(module: str, function: str) -> str:
-    """Return the name in C of a function of a loop's module, or for an observer's."""
+    """Return the name in C of a function of a loop's module, or for an observer's class."""
     return re.sub(r'\W+', '_', f'{module}_{function}')
+
+
+def path_of(observer: Any) -> str:
+    """Return the path by which `Sources.scope` finds the class of an observer."""
+    return f'{observer.__module__}:{observer.__name__}'
 
 
 def installed() -> dict[str, list[str]]:
@@ -55,44 +61,33 @@ def entries(points: Mapping[str, Iterable[str]], root: Path) -> list[Entry]:
 
     Raises
     ------
-    RefusedError : an entry point names no object of the sources.
+    RefusedError : an entry point names no class of the sources.
     """
-    sources, made = Sources(root), {}
-    for entry in _of_observers(sources, points[OBSERVERS]):
-        made[entry.name] = entry  # observers of one module have the same functions
-    for module, functions in LOOPS.items():
-        for function in functions:
-            made[c_name(module, function)] = Entry(module, function, {}, c_name(module, function))
-    return list(made.values())
+    loops = [(module, function) for module, functions in LOOPS.items() for function in functions]
+    return [
+        *_of_observers(Sources(root), points[OBSERVERS]),
+        *(Entry(module, function, {}, c_name(module, function)) for module, function in loops),
+    ]
 
 
 def _of_observers(sources: Sources, points: Iterable[str]) -> Iterator[Entry]:
     """Yield the functions of each observer whose kind has a channel."""
-    for found, module in _objects(sources, points):
-        kind = _kind(found)
+    for observer in _classes(sources, points):
+        kind = ast.literal_eval(sources.member(observer, 'kind').node)
         if kind not in CHANNELS:  # plain Python runs them
             continue
         channel, functions = CHANNELS[kind]
-        if sources.find(module, 'inform'):  # another sensor may inform it
+        if sources.member(observer, 'inform'):  # another sensor may inform it
             functions = (*functions, 'inform')
         for function in functions:
-            name = c_name(module.name, function)
-            yield Entry(channel, function, {'observer': module.name}, name)
+            name = c_name(observer.path, function)
+            yield Entry(channel, function, {'observer': observer.path}, name)
 
 
-def _objects(sources: Sources, points: Iterable[str]) -> Iterator[tuple[Found, Module]]:
-    """Yield what each entry point names, and the module that it names."""
+def _classes(sources: Sources, points: Iterable[str]) -> Iterator[Class]:
+    """Yield the class that each entry point names."""
     for point in points:
-        path, _, attribute = point.partition('=')[2].strip().partition(':')
-        module = sources.module(path)
-        found = module and sources.find(module, attribute)
-        if module is None or not isinstance(found, Found):
-            raise RefusedError(f'setup.py:1: entry point {point!r} names no object of the sources')
-        yield found, module
-
-
-def _kind(found: Found) -> str:
-    """Return the kind of an observer that ``Observer(...)`` or ``replace(...)`` makes."""
-    words = found.node.keywords if isinstance(found.node, ast.Call) else []
-    kinds = [ast.literal_eval(each.value) for each in words if each.arg == 'kind']
-    return str(kinds[0]) if kinds else 'angle'
+        observer = sources.scope(point.partition('=')[2].strip())
+        if not isinstance(observer, Class):
+            raise RefusedError(f'setup.py:1: entry point {point!r} names no class of the sources')
+        yield observer

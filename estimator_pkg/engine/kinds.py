@@ -86,6 +86,7 @@ class Static:
 
 
 POINTERS = (Record, Vector, Array)
+ALIASES = (ast.Subscript, ast.Name, ast.Attribute)
 
 
 def is_matrix(kind: Any) -> bool:
@@ -115,7 +116,7 @@ class Kinds:
             return None
         if isinstance(found, Found) and isinstance(found.node, ast.ClassDef):
             return self._record(found, static.get('observer'))
-        if isinstance(found, Found) and isinstance(found.node, (ast.Subscript, ast.Name)):
+        if isinstance(found, Found) and isinstance(found.node, ALIASES):
             return self.of(found.node, found.module, static)  # an alias
         return module.refuse(node, f'{ast.unparse(node)!r} is not translated: {REMEDY}')
 

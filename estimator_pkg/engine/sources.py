@@ -68,6 +68,11 @@ class Module:
         parts = self.name.split('.')
         return parts[-2] if parts[-1] == 'observer' and len(parts) > 1 else parts[-1]
 
+    @property
+    def path(self) -> str:
+        """The name by which `Sources.scope` finds it."""
+        return self.name
+
     def refuse(self, node: Any, reason: str) -> NoReturn:
         """Raise `RefusedError` at a node."""
         raise RefusedError(f'{self.shown}:{node.lineno}: {reason}')
@@ -104,6 +109,26 @@ class Module:
                 )
 
 
+class Class(Module):
+    """A class of static functions: what a name of it is, its bases and its file say."""
+
+    def __init__(self, file: Module, node: ast.ClassDef) -> None:
+        self.file, self.node, self.bases = file, node, node.bases
+        self.name, self.shown, self.package, self.comments = (
+            file.name,
+            file.shown,
+            False,
+            file.comments,
+        )
+        self.names = {}
+        self._define(node.body)
+
+    @property
+    def path(self) -> str:
+        """The name by which `Sources.scope` finds it."""
+        return f'{self.name}:{self.node.name}'
+
+
 class Sources:
     """The modules below a root folder, and below those of other packages, each read once."""
 
@@ -111,6 +136,7 @@ class Sources:
         self.root, self._others = root, others
         self.modules: dict[str, Module | None] = {}
         self._constants: dict[ast.AST, Any] = {}
+        self._classes: dict[ast.AST, Class] = {}
 
     def module(self, name: str) -> Module | None:
         """Return a module by its dotted name, None for one that is not below a root."""
@@ -128,6 +154,8 @@ class Sources:
 
     def find(self, module: Module, name: str) -> Found | Module | Outside | None:
         """Return what a name of a module refers to, through any number of imports."""
+        if isinstance(module, Class):
+            return self.member(module, name) or self.find(module.file, name)
         item = module.names.get(name)
         if item is None:
             return self.module(f'{module.name}.{name}') if module.package else None
@@ -136,7 +164,34 @@ class Sources:
         inner = self.module(item.module)
         if inner is None:
             return Outside('.'.join(filter(None, item)))
+        if inner is module:  # a package that imports its own module
+            return self.module(f'{inner.name}.{item.attribute}')
         return inner if item.attribute is None else self.find(inner, item.attribute)
+
+    def member(self, scope: Class, name: str) -> Any:
+        """Return what a class has or inherits by this name; None: nothing."""
+        item = scope.names.get(name)
+        if item is None:
+            found = (self.dotted(scope.file, base, {}) for base in scope.bases)
+            members = (self.member(base, name) for base in map(self.scope_of, found) if base)
+            return next(filter(None, members), None)
+        if isinstance(item, ast.Call) and ast.unparse(item.func) == 'staticmethod':
+            return self.dotted(scope.file, item.args[0], {})
+        return Found(scope, name, item)
+
+    def scope_of(self, found: Any) -> Class | None:
+        """Return a class as a scope; None for what is no class."""
+        if not isinstance(found, Found) or not isinstance(found.node, ast.ClassDef):
+            return None
+        if found.node not in self._classes:
+            self._classes[found.node] = Class(found.module, found.node)
+        return self._classes[found.node]
+
+    def scope(self, path: str) -> Module | None:
+        """Return a module, or by ``module:Name`` a class; None: there is none."""
+        name, _, inner = path.partition(':')
+        module = self.module(name)
+        return self.scope_of(self.find(module, inner)) if module and inner else module
 
     def dotted(self, module: Module, node: ast.AST, known: Mapping[str, Any]) -> Any:
         """Return what a dotted name refers to, first among ``known`` ones; None for a value."""
@@ -145,9 +200,11 @@ class Sources:
         owner = self.dotted(module, node.value, known) if isinstance(node, ast.Attribute) else None
         if isinstance(owner, Outside):
             return Outside(f'{owner.name}.{node.attr}')  # type: ignore[attr-defined]
+        owner = self.scope_of(owner) or owner
         if not isinstance(owner, Module):
             return None
-        found = self.find(owner, node.attr)  # type: ignore[attr-defined]
+        find: Any = self.member if isinstance(owner, Class) else self.find
+        found = find(owner, node.attr)  # type: ignore[attr-defined]
         return found or module.refuse(node, f'{owner.shown} has no {node.attr!r}')  # type: ignore
 
     def constant(self, found: Found) -> Any:

@@ -47,7 +47,7 @@ const char *velocity_estimator_functions(void) {{ return {functions}; }}
 
 
 class Entry(NamedTuple):
-    """A function to translate, the modules of its static arguments, and its name in C."""
+    """A function to translate, the modules or classes of its static arguments, its name in C."""
 
     module: str
     function: str
@@ -132,7 +132,8 @@ class Translator:
     def parameters(self, found: Found) -> dict[str, tuple[ast.expr | None, ast.expr | None]]:
         """Return annotation and default of each parameter of a function."""
         node = found.node.args
-        if found.node.decorator_list or node.vararg or node.kwarg:
+        marks = [ast.unparse(mark) for mark in found.node.decorator_list]
+        if marks not in ([], ['staticmethod']) or node.vararg or node.kwarg:
             found.module.refuse(found.node, f'{found.name} has a decorator, * or **')
         items = (*node.posonlyargs, *node.args, *node.kwonlyargs)
         defaults = [*node.defaults, *node.kw_defaults]
@@ -274,7 +275,7 @@ class Translator:
         found = module and self.sources.find(module, entry.function)
         if not isinstance(found, Found) or not isinstance(found.node, ast.FunctionDef):
             raise RefusedError(f'{entry.module}:1: there is no function {entry.function!r}')
-        static: dict[str, Any] = {n: self.sources.module(d) for n, d in entry.static.items()}
+        static: dict[str, Any] = {n: self.sources.scope(d) for n, d in entry.static.items()}
         for name, module in static.items():
             if module is None or name not in self.parameters(found):
                 found.module.refuse(found.node, f'no argument {name!r}, or no module for it')

@@ -16,6 +16,7 @@ from typing import Any
 from estimator_pkg import __version__
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.engine.entries import path_of
 from estimator_pkg.engine.prelude import MATH, TAKEN, TESTS
 from estimator_pkg.engine.sources import RefusedError
 from estimator_pkg.engine.translate import Entry, Translator
@@ -75,8 +76,7 @@ def exported(
     if not re.fullmatch(r'[a-z][a-z0-9_]*', prefix) or prefix in TAKEN:
         raise UsageError(f"'{prefix}' is no name for C: use lower-case letters, digits and _")
     joint = _joint(observer, gains, settings, sample_period)
-    plain = getattr(joint.module, 'runs_plain', None)
-    if plain and plain(joint.gains):
+    if joint.module.runs_plain(joint.gains):
         raise UsageError(f"'{observer.name}' cannot be exported with these gains: {OWN}")
     family = FAMILIES[observer.kind]
     channel, records = joint.channel, [Options()]
@@ -97,9 +97,9 @@ def exported(
         records += [channel.design, channel.limits]
         bound = {'init': {'tuned': channel.design}, 'update': {}, 'get': {}}
     known, used = _known(records), None
-    static = {'observer': joint.module.__name__}
+    static = {'observer': path_of(joint.module)}
     for _ in range(2):  # the second time with the fields alone that the first one found in use
-        translator = Translator(ROOT, prefix, known, used, [_root(static['observer'])])
+        translator = Translator(ROOT, prefix, known, used, [_root(joint.module.__module__)])
         translator.names = {(family, 'State'): prefix, (family, 'Estimate'): f'{prefix}_estimate'}
         try:
             for name, values in bound.items():

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.friction import asymmetric
+from estimator_pkg.models.friction import asymmetric, coulomb, viscous
 from estimator_pkg.models.mechanics import TURN, Array, Model, matrix, vector
 from estimator_pkg.parameters import structural
 
@@ -69,17 +69,11 @@ class Parameters:
         description='force on the cart per unit of the input (9.27 N/A in section 6); 1 if the '
         'input is the force',
     )
-    friction_forward: float = structural(
-        0.0,
-        unit='N',
-        range=(0.0, 1e6),
-        description='Coulomb friction of the cart moving forward (3.98 N in section 6)',
+    friction_forward: float = coulomb(
+        of='Coulomb friction of the cart moving forward (3.98 N in section 6)', unit='N'
     )
-    friction_backward: float = structural(
-        0.0,
-        unit='N',
-        range=(0.0, 1e6),
-        description='Coulomb friction of the cart moving backward (2.87 N in section 6)',
+    friction_backward: float = coulomb(
+        of='Coulomb friction of the cart moving backward (2.87 N in section 6)', unit='N'
     )
     friction_speed: float = structural(
         0.0,
@@ -88,12 +82,8 @@ class Parameters:
         advanced=True,
         description='width of the smoothed sign of the friction, tanh(v / width); 0: a plain sign',
     )
-    pendulum_damping: float = structural(
-        0.0, unit='N m s/rad', range=(0.0, 1e6), description='viscous friction in the pivot'
-    )
-    cart_damping: float = structural(
-        0.0, unit='N s/m', range=(0.0, 1e6), description='viscous friction of the cart'
-    )
+    pendulum_damping: float = viscous(of=' in the pivot')
+    cart_damping: float = viscous(of=' of the cart', unit='N s/m')
 
     def __post_init__(self) -> None:
         """Check that M is positive definite at every angle; raise UsageError."""

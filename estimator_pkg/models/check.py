@@ -3,15 +3,13 @@
 
 """Numerical checks of a model when it is loaded, so that a wrong one is refused.
 
-At random configurations and velocities: M is symmetric and positive definite; calM is M^-1 Psi^-T;
-the momenta Psi^T M v are partially linear (PLvCC); the Coriolis forces belong to M. Derivatives are
-central differences. All is in SI units: q and v of shape (n,), matrices (n, n).
+Each property is a row of `PROPERTIES`, evaluated at random configurations and velocities.
+Derivatives are central differences. All is in SI units: q and v of shape (n,), matrices (n, n).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +18,13 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.models.mechanics import Mechanics
 
 Array = NDArray[np.float64]
+Function = Callable[[Mechanics, Array, Array], tuple[float, float]]
 
 STATES = 24  # number of random states
 STEP = 1e-5  # step of the central differences, over the reach of a position
-CALM_EXACT = 1e-9  # allowed relative residual of calM Psi^T M = I
 DERIVED = 1e-6  # allowed relative residual of equations with central differences
+EXACT = 1e-9  # allowed relative residual of calM Psi^T M = I, and of M = M^T
+POSITIVE = 1e-12  # least eigenvalue, relative to the largest entry
 SEED = 20170915
 
 
@@ -43,18 +43,20 @@ def check(mechanics: Mechanics) -> None:
             f"model '{mechanics.name}': reach is {mechanics.reach}: it must be above 0 for each "
             'position'
         )
-    tests = [finite, positive_inertia, coriolis_of_inertia]
-    if mechanics.damped:
-        tests.append(dissipating)
-    if mechanics.linearisable:
-        tests += [inverse_factors, partially_linear]
     states = random_states(mechanics)
-    for test in tests:
-        for q, v in states:
-            test(mechanics, q, v)
+    for q, v in states:
+        _call_all(mechanics, q, v)
+    for needs, residual, wrong, remedy in PROPERTIES:
+        for q, v in states if getattr(mechanics, needs, True) else ():
+            found, allowed = residual(mechanics, q, v)
+            if not found <= allowed:
+                raise UserError(
+                    f"model '{mechanics.name}'{wrong} (residual {found:.3g} at q = {_text(q)}, "
+                    f'v = {_text(v)}){remedy}'
+                )
     if not mechanics.linearisable:
         residuals = (linear_residual(mechanics, *state) for state in states)
-        mechanics.linearisable = all(rest <= DERIVED * size for rest, size in residuals)
+        mechanics.linearisable = all(rest <= allowed for rest, allowed in residuals)
 
 
 def random_states(mechanics: Mechanics) -> list[tuple[Array, Array]]:
@@ -69,7 +71,7 @@ def random_states(mechanics: Mechanics) -> list[tuple[Array, Array]]:
     states = []
     for _ in range(100 * STATES):
         q = centre + reach * random.uniform(-1.0, 1.0, mechanics.degrees)
-        if _call(mechanics, 'admits', q):
+        if mechanics.admits(q):
             states.append((q, random.uniform(-1.0, 1.0, mechanics.degrees)))
             if len(states) == STATES:
                 return states
@@ -79,70 +81,27 @@ def random_states(mechanics: Mechanics) -> list[tuple[Array, Array]]:
     )
 
 
-def _call(mechanics: Mechanics, name: str, *at: Array) -> Any:
-    try:
-        return getattr(mechanics, name)(*at)
-    except UserError:
-        raise
-    except Exception as error:  # a user's model may fail in any way
-        raise UserError(
-            f"model '{mechanics.name}': {name} fails at q = {_text(at[0])}: "
-            f'{type(error).__name__}: {error}'
-        ) from error
-
-
-def finite(mechanics: Mechanics, q: Array, v: Array) -> None:
+def _call_all(mechanics: Mechanics, q: Array, v: Array) -> None:
     """Call every function; raise UserError if one fails or a result is not finite."""
-    calls: dict[str, tuple[Any, ...]] = {
+    calls = {
         'inertia': (q,),
         'force': (q, v, np.zeros(mechanics.inputs)),
         'coriolis': (q, v),
         'damping': (q,),
+        **({'factors': (q,)} if mechanics.linearisable else {}),
     }
-    if mechanics.linearisable:
-        calls['factors'] = (q,)
     for name, at in calls.items():
-        if not np.all(np.isfinite(_call(mechanics, name, *at))):
+        try:
+            finite = bool(np.all(np.isfinite(getattr(mechanics, name)(*at))))
+        except UserError:
+            raise
+        except Exception as error:  # a user's model may fail in any way
+            raise UserError(
+                f"model '{mechanics.name}': {name} fails at q = {_text(q)}: "
+                f'{type(error).__name__}: {error}'
+            ) from error
+        if not finite:
             raise UserError(f"model '{mechanics.name}': {name} is not finite at q = {_text(q)}")
-
-
-def positive_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
-    """Raise UserError unless M is symmetric and positive definite."""
-    inertia = mechanics.inertia(q)
-    size = float(np.max(np.abs(inertia)))
-    if float(np.max(np.abs(inertia - inertia.T))) > 1e-9 * size:
-        raise UserError(
-            f"model '{mechanics.name}': the mass matrix is not symmetric at "
-            f'q = {_text(q)} (residual {_rest(inertia - inertia.T)})'
-        )
-    lowest = float(np.linalg.eigvalsh(inertia)[0])
-    if lowest <= 1e-12 * size:
-        raise UserError(
-            f"model '{mechanics.name}': the mass matrix is not positive definite at "
-            f'q = {_text(q)} (lowest eigenvalue {lowest:.3g})'
-        )
-
-
-def dissipating(mechanics: Mechanics, q: Array, v: Array) -> None:
-    """Raise UserError if D adds energy to a motion."""
-    damping = mechanics.damping(q)
-    lowest = float(np.linalg.eigvalsh(0.5 * (damping + damping.T))[0])
-    if lowest < -1e-12 * float(np.max(np.abs(damping))):
-        raise UserError(
-            f"model '{mechanics.name}': the damping drives the mechanism at "
-            f'q = {_text(q)} (lowest eigenvalue of D {lowest:.3g})'
-        )
-
-
-def inverse_factors(mechanics: Mechanics, q: Array, v: Array) -> None:
-    """Raise UserError unless calM = M^-1 Psi^-T."""
-    calm, psi = mechanics.factors(q)
-    rest = calm @ psi.T @ mechanics.inertia(q) - np.eye(mechanics.degrees)
-    if float(np.max(np.abs(rest))) > CALM_EXACT * max(1.0, float(np.linalg.cond(psi))):
-        raise UserError(
-            f"model '{mechanics.name}': calM is not M^-1 Psi^-T at q = {_text(q)} "
-            f'(residual {_rest(rest)})'
-        )
 
 
 def slopes(mechanics: Mechanics, function: Callable[[Array], Array], q: Array) -> list[Array]:
@@ -155,50 +114,75 @@ def slopes(mechanics: Mechanics, function: Callable[[Array], Array], q: Array) -
     return found
 
 
+def asymmetry(mechanics: Mechanics, q: Array, v: Array) -> tuple[float, float]:
+    """Return (|M - M^T|, what is allowed)."""
+    inertia = mechanics.inertia(q)
+    return _largest(inertia - inertia.T), EXACT * _largest(inertia)
+
+
+def negative_inertia(mechanics: Mechanics, q: Array, v: Array) -> tuple[float, float]:
+    """Return (-least eigenvalue of M, what is allowed)."""
+    inertia = mechanics.inertia(q)
+    return -float(np.linalg.eigvalsh(inertia)[0]), -POSITIVE * _largest(inertia)
+
+
+def driving(mechanics: Mechanics, q: Array, v: Array) -> tuple[float, float]:
+    """Return (-least eigenvalue of D + D^T over 2, what is allowed)."""
+    damping = mechanics.damping(q)
+    lowest = float(np.linalg.eigvalsh(0.5 * (damping + damping.T))[0])
+    return -lowest, POSITIVE * _largest(damping)
+
+
+def factor_residual(mechanics: Mechanics, q: Array, v: Array) -> tuple[float, float]:
+    """Return (|calM Psi^T M - I|, what is allowed)."""
+    calm, psi = mechanics.factors(q)
+    rest = calm @ psi.T @ mechanics.inertia(q) - np.eye(mechanics.degrees)
+    return _largest(rest), EXACT * max(1.0, float(np.linalg.cond(psi)))
+
+
+def coriolis_residual(mechanics: Mechanics, q: Array, v: Array) -> tuple[float, float]:
+    """Return (|C v - (dM/dt) v + d/dq (v^T M v / 2)|, what is allowed)."""
+    of_inertia = slopes(mechanics, mechanics.inertia, q)
+    turning = sum(rate * slope for rate, slope in zip(v, of_inertia))
+    expected = np.asarray(turning) @ v - np.array([0.5 * v @ slope @ v for slope in of_inertia])
+    size = max(_largest(expected), _largest(mechanics.inertia(q)))
+    return _largest(mechanics.coriolis(q, v) - expected), DERIVED * size
+
+
 def linear_residual(mechanics: Mechanics, q: Array, v: Array) -> tuple[float, float]:
-    """Return (|Psi^T d/dq (P^T M^-1 P / 2) - (dPsi/dt)^T P|, size of its terms); 0 for PLvCC."""
+    """Return (|Psi^T d/dq (P^T M^-1 P / 2) - (dPsi/dt)^T P|, what is allowed); 0 for PLvCC."""
     inertia = mechanics.inertia(q)
     psi = mechanics.factors(q)[1]
     momentum = inertia @ v
-    of_inertia = slopes(mechanics, lambda x: mechanics.inertia(x), q)
+    of_inertia = slopes(mechanics, mechanics.inertia, q)
     of_psi = slopes(mechanics, lambda x: mechanics.factors(x)[1], q)
     # d(M^-1) = -M^-1 dM M^-1
     energy = np.array([-0.5 * v @ slope @ v for slope in of_inertia])
     turning = sum(rate * slope for rate, slope in zip(v, of_psi))
     first, second = psi.T @ energy, np.asarray(turning).T @ momentum
-    size = float(np.max(np.abs(psi)) * np.max(np.abs(momentum)))
-    return float(np.max(np.abs(first - second))), max(size, 1e-12)
+    size = _largest(psi) * _largest(momentum)
+    return _largest(first - second), DERIVED * max(size, 1e-12)
 
 
-def partially_linear(mechanics: Mechanics, q: Array, v: Array) -> None:
-    """Raise UserError unless the PLvCC identity is satisfied; it proposes another observer."""
-    rest, size = linear_residual(mechanics, q, v)
-    if rest > DERIVED * size:
-        raise UserError(
-            f"model '{mechanics.name}' is not partially linearisable with its Psi "
-            f'(PLvCC residual {rest:.3g} at q = {_text(q)}): correct Psi, or omit it '
-            "and use the observer 'hgo'"
-        )
-
-
-def coriolis_of_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
-    """Raise UserError unless C v = (dM/dt) v - d/dq (v^T M v / 2)."""
-    of_inertia = slopes(mechanics, lambda x: mechanics.inertia(x), q)
-    turning = sum(rate * slope for rate, slope in zip(v, of_inertia))
-    expected = np.asarray(turning) @ v - np.array([0.5 * v @ slope @ v for slope in of_inertia])
-    provided = mechanics.coriolis(q, v)
-    size = max(float(np.max(np.abs(expected))), float(np.max(np.abs(mechanics.inertia(q)))))
-    if float(np.max(np.abs(provided - expected))) > DERIVED * size:
-        raise UserError(
-            f"model '{mechanics.name}': the Coriolis forces do not belong to the mass "
-            f'matrix at q = {_text(q)}, v = {_text(v)} '
-            f'(residual {_rest(provided - expected)})'
-        )
+# attribute that says whether it applies ('': always), residual, what is wrong, remedy
+PROPERTIES: tuple[tuple[str, Function, str, str], ...] = (
+    ('', asymmetry, ': the mass matrix is not symmetric', ''),
+    ('', negative_inertia, ': the mass matrix is not positive definite', ''),
+    ('', coriolis_residual, ': the Coriolis forces do not belong to the mass matrix', ''),
+    ('damped', driving, ': the damping drives the mechanism', ''),
+    ('linearisable', factor_residual, ': calM is not M^-1 Psi^-T', ''),
+    (
+        'linearisable',
+        linear_residual,
+        ' is not partially linearisable (PLvCC) with its Psi',
+        ": correct Psi, or omit it and use the observer 'hgo'",
+    ),
+)
 
 
 def _text(values: Array) -> str:
     return '(' + ', '.join(f'{value:.4g}' for value in values) + ')'
 
 
-def _rest(values: Array) -> str:
-    return f'{float(np.max(np.abs(values))):.3g}'
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values)))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator_pkg.models.friction import STRIBECK, smooth_sign
+from estimator_pkg.models.friction import coulomb, sign_width, smooth_sign, viscous
 from estimator_pkg.models.mechanics import TURN, Array, Model, matrix
 from estimator_pkg.parameters import structural
 
@@ -30,17 +30,9 @@ class Parameters:
         range=(1e-9, 1e6),
         description='inertia about the axis, with motor and gear (for a slide: mass in kg)',
     )
-    damping: float = structural(
-        0.0, unit='N m s/rad', range=(0.0, 1e6), description='viscous friction'
-    )
-    coulomb: float = structural(0.0, unit='N m', range=(0.0, 1e6), description='Coulomb friction')
-    coulomb_speed: float = structural(
-        STRIBECK,
-        unit='rad/s',
-        range=(1e-9, 100.0),
-        advanced=True,
-        description='width of the smoothed sign of the Coulomb friction, tanh(v / width)',
-    )
+    damping: float = viscous()
+    coulomb: float = coulomb()
+    coulomb_speed: float = sign_width()
     gravity: float = structural(
         0.0,
         unit='N m',

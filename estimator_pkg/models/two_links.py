@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.friction import STRIBECK, smooth_sign
+from estimator_pkg.models.friction import coulomb, sign_width, smooth_sign, viscous
 from estimator_pkg.models.mechanics import Array, Model, matrix, vector
 from estimator_pkg.parameters import structural
 
@@ -69,25 +69,11 @@ class Parameters:
         equation='gb = g m2 r2',
         description='largest torque of gravity on the elbow',
     )
-    shoulder_damping: float = structural(
-        0.01, unit='N m s/rad', range=(0.0, 1e6), description='viscous friction'
-    )
-    elbow_damping: float = structural(
-        0.01, unit='N m s/rad', range=(0.0, 1e6), description='viscous friction'
-    )
-    shoulder_coulomb: float = structural(
-        0.05, unit='N m', range=(0.0, 1e6), description='Coulomb friction'
-    )
-    elbow_coulomb: float = structural(
-        0.05, unit='N m', range=(0.0, 1e6), description='Coulomb friction'
-    )
-    coulomb_speed: float = structural(
-        STRIBECK,
-        unit='rad/s',
-        range=(1e-9, 100.0),
-        advanced=True,
-        description='width of the smoothed sign of the Coulomb friction, tanh(v / width)',
-    )
+    shoulder_damping: float = viscous(0.01)
+    elbow_damping: float = viscous(0.01)
+    shoulder_coulomb: float = coulomb(0.05)
+    elbow_coulomb: float = coulomb(0.05)
+    coulomb_speed: float = sign_width()
 
     def __post_init__(self) -> None:
         """Check that M is positive definite at every angle; raise UsageError."""

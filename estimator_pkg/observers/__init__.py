@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from difflib import get_close_matches
+from typing import Any
 
 from estimator_pkg import registry
 from estimator_pkg.errors import UserError
@@ -25,21 +26,26 @@ def names() -> list[str]:
     return registry.names(registry.OBSERVERS)
 
 
-def find(name: str) -> Observer:
+def find(name: str) -> type[Observer]:
     """Return the observer called `name`.
 
     Raises
     ------
     UsageError : no observer has this name; the message suggests the nearest name.
-    UserError : it cannot be imported, or is not an `Observer`.
+    UserError : it cannot be imported, or is no `Observer`.
     """
     observer = registry.find(registry.OBSERVERS, name)
-    if not isinstance(observer, Observer):
+    if not is_observer(observer):
         raise UserError(
             f"observer '{name}': its entry point names {observer!r}, which is not an Observer: "
-            'let it name an instance of estimator_pkg.observers.Observer'
+            'let it name a class that inherits estimator_pkg.observers.Observer'
         )
     return observer
+
+
+def is_observer(found: Any) -> bool:
+    """Return True if what an entry point names is an observer."""
+    return isinstance(found, type) and issubclass(found, Observer)
 
 
 def of_kind(kind: str) -> list[str]:
@@ -52,7 +58,7 @@ def of_kind(kind: str) -> list[str]:
     return found
 
 
-def instead(name: str, known: Iterable[str], observer: Observer, remedy: str) -> str:
+def instead(name: str, known: Iterable[str], observer: type[Observer], remedy: str) -> str:
     """Return a clause on the observers of the same kind that have a gain which this one lacks.
 
     Parameters

@@ -19,12 +19,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimator_pkg.observers.angle.edge import observer as edge_adaptive
+from estimator_pkg.observers.angle.edge import EdgeAdaptive
 from estimator_pkg.parameters import structural
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter
 
@@ -42,13 +43,20 @@ UNIT_TIME, UNIT_TURNS = 2.0, 0.05  # time [s] and sum of squared turns [rad^2] t
 CONTRADICTION = 'wheels and gyro contradict: slip, gyro, or wheels_left/right'
 UNIT = 'it is in another unit'
 
-OBSERVER = replace(
-    edge_adaptive.OBSERVER,
-    name='wheel_odometry',
-    kind='wheels',
-    summary='edge_adaptive on the wheels of a base: odometry with covariances, slip named',
-    reference='docs/wheel_odometry.md: Chong and Kleeman 1997, Borenstein and Feng 1996',
-)
+
+class WheelObserver(EdgeAdaptive):
+    """`edge_adaptive` on each wheel."""
+
+    name = 'wheel_odometry'
+    kind = 'wheels'
+    summary = 'edge_adaptive on the wheels of a base: odometry with covariances, slip named'
+    reference = 'docs/wheel_odometry.md: Chong and Kleeman 1997, Borenstein and Feng 1996'
+
+    @classmethod
+    def bound(cls, gains: Any) -> type[EdgeAdaptive]:
+        """Return the observer of a wheel."""
+        return EdgeAdaptive
+
 
 Array = NDArray[np.float64]
 

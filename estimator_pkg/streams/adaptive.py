@@ -16,7 +16,7 @@ from estimator_pkg.driver.efforts import EFFORT_COMMAND, NO_EFFORT, DrivenSettin
 from estimator_pkg.driver.identified import values_of
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
-from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.adaptive.observer import Adaptive
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.contract import (
@@ -46,7 +46,7 @@ class AdaptiveSettings(JointsSettings, EffortSettings):
         'them',
     )
 
-    def find_observer(self) -> Observer:
+    def find_observer(self) -> type[Observer]:
         """Return the observer; raise UsageError for inconsistent settings."""
         if self.input == EFFORT_COMMAND and self.effort_command_type == ARRAY and not self.only:
             raise UsageError(
@@ -58,7 +58,7 @@ class AdaptiveSettings(JointsSettings, EffortSettings):
             raise UsageError(
                 f"parameters_file '{self.parameters_file}': the folder {folder} does not exist"
             )
-        return OBSERVER
+        return Adaptive
 
 
 class AdaptiveStream(DrivenStream):
@@ -88,7 +88,7 @@ class AdaptiveStream(DrivenStream):
     @classmethod
     def configure(
         cls,
-        observer: Observer,
+        observer: type[Observer],
         settings: AdaptiveSettings | None,
         common: Values,
         overrides: Mapping[str, Values],
@@ -96,7 +96,7 @@ class AdaptiveStream(DrivenStream):
         """See `Stream`; joints start with the parameters saved in ``parameters_file``."""
         path = settings.parameters_file if settings else ''
         saved = adaptive_file.load(path) if path and Path(path).exists() else {}
-        return AdaptiveConfiguration(OBSERVER, common, overrides, saved)
+        return AdaptiveConfiguration(Adaptive, common, overrides, saved)
 
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""

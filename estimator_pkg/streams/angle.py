@@ -132,7 +132,7 @@ class AngleSettings(JointsSettings):
         'source.<name>.topic, field_type, field, kind, joint, ratio and delay',
     )
 
-    def find_observer(self) -> Observer:
+    def find_observer(self) -> type[Observer]:
         """Return the observer.
 
         Raises
@@ -229,7 +229,7 @@ class AngleStream(Stream):
     @classmethod
     def configure(
         cls,
-        observer: Observer,
+        observer: type[Observer],
         settings: AngleSettings | None,
         common: Values,
         overrides: Mapping[str, Values],

@@ -148,7 +148,7 @@ class StreamSettings:
 
     groups: Mapping[str, Any] = field(default_factory=dict, kw_only=True)  # see `Stream.groups`
 
-    def find_observer(self) -> Observer:
+    def find_observer(self) -> type[Observer]:
         """Return the observer; raise UsageError for inconsistent settings."""
         raise NotImplementedError
 
@@ -232,7 +232,7 @@ class Stream(ABC):
     def __init__(
         self,
         settings: Any,
-        observer: Observer,
+        observer: type[Observer],
         bank: Any,
         inputs: Sequence[Port],
         outputs: Sequence[Output] = (ESTIMATE, STDDEV),
@@ -250,14 +250,18 @@ class Stream(ABC):
     # Construction
 
     @classmethod
-    def parameters(cls, observer: str | Observer) -> dict[str, Parameter]:
+    def parameters(cls, observer: str | type[Observer]) -> dict[str, Parameter]:
         """Return all parameters except `SETTINGS` by name: gains first; raise UsageError."""
         found = find(observer) if isinstance(observer, str) else observer
         return cls.configure(found, None, {}, {}).parameters()
 
     @classmethod
     def configure(
-        cls, observer: Observer, settings: Any, common: Values, overrides: Mapping[str, Values]
+        cls,
+        observer: type[Observer],
+        settings: Any,
+        common: Values,
+        overrides: Mapping[str, Values],
     ) -> Configuration:
         """Return gains and settings per joint; raise UsageError for a wrong one."""
         return Configuration(observer, common, overrides, cls.PER_JOINT)
@@ -392,7 +396,7 @@ class Stream(ABC):
         """Return what the gains of this joint imply ('': of one without override)."""
         gains, settings = configuration.for_joint(joint)
         circle = Circle(settings.wrap_period, settings.unwrap)
-        return Tried(self.observer.module_of(gains), gains, circle)
+        return Tried(self.observer.bound(gains), gains, circle)
 
     def _check_change(self, name: str, joint: Joint, tried: Any) -> None:
         why = tried.limits(joint.mean_dt) if joint.mean_dt > 0.0 else None

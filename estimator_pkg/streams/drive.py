@@ -89,7 +89,7 @@ class DriveSettings(StreamSettings):
         'beyond it are not used',
     )
 
-    def find_observer(self) -> Observer:
+    def find_observer(self) -> type[Observer]:
         """Return the observer; raise UsageError if it is no drive observer, or without a joint."""
         if not self.joint:
             raise UsageError("parameter 'joint' must not be empty: set a name")

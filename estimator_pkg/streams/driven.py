@@ -122,7 +122,7 @@ class DrivenStream(Stream):
     def __init__(
         self,
         settings: EffortSettings,
-        observer: Observer,
+        observer: type[Observer],
         bank: Any,
         orders: Sequence[Sequence[str]],
         *,

@@ -45,11 +45,11 @@ class InformedStream(AngleStream):
         self._sources: Mapping[str, SourceSettings] = {
             name.split('.', 1)[1]: source for name, source in settings.groups.items()
         }
-        if not hasattr(configuration.observer.module, 'inform'):
+        if not hasattr(configuration.observer, 'inform'):
             able = ', '.join(
                 name
                 for name in observers.of_kind('angle')
-                if hasattr(observers.find(name).module, 'inform')
+                if hasattr(observers.find(name), 'inform')
             )
             raise UsageError(
                 f"'sources': observer '{configuration.observer.name}' takes no other sensor: use "

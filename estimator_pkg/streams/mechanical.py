@@ -38,7 +38,7 @@ class MechanicalSettings(EffortSettings):
         'of one of them',
     )
 
-    def find_observer(self) -> Observer:
+    def find_observer(self) -> type[Observer]:
         """Return the observer; raise UsageError if it does not use a mechanism model."""
         found = observers.find(self.observer)
         if found.kind != MechanicalStream.KIND:
@@ -76,9 +76,10 @@ class MechanicalStream(DrivenStream):
     def _build(self, configuration: Configuration, joint: str) -> Tried:
         """Return what the gains of this mechanism imply ('': of one without override)."""
         settings: Any
+        observer: Any = self.observer
         gains, settings = configuration.for_joint(joint)
         circle = Circle(settings.wrap_period, settings.unwrap)
-        tried = Tried(steps_of(self.observer), gains, circle)
+        tried = Tried(steps_of(observer), gains, circle)
         inputs = tried.design.plan.mechanics.inputs
         settings.check_inputs(max(1, inputs), self._called(joint))
         return tried

@@ -16,7 +16,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.switched.observer import OBSERVER
+from estimator_pkg.observers.switched.observer import Switched
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import ACCELERATION
 from estimator_pkg.streams.contract import Answer, Output, Port
@@ -38,9 +38,9 @@ class SwitchedSettings(EffortSettings):
         "automatic: the model's own names",
     )
 
-    def find_observer(self) -> Observer:
+    def find_observer(self) -> type[Observer]:
         """Return the observer."""
-        return OBSERVER
+        return Switched
 
     def names(self, outputs: tuple[str, ...]) -> tuple[str, ...]:
         """Return the joints; raise UsageError unless there is one per output of the model."""
@@ -68,13 +68,13 @@ class SwitchedStream(DrivenStream):
 
     def __init__(self, settings: SwitchedSettings, configuration: Configuration) -> None:
         gains, of_joint = configuration.for_joint('')
-        system = SwitchedJoint(OBSERVER, gains, of_joint)
+        system = SwitchedJoint(Switched, gains, of_joint)
         self._model, self._efforts_each = system.model, len(system.model.probe(0.0))
         bank = SwitchedBank(system, settings.names(self._model.joints), settings.input)
         accelerates = any(k > 1 for k in self._model.indices)
         super().__init__(
             settings,
-            OBSERVER,
+            Switched,
             bank,
             bank.orders,
             events=[SWITCH_EVENT],

@@ -19,7 +19,7 @@ from estimator_pkg.messages import odometry
 from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.wheels import OBSERVER, Geometry, WheelOdometry
+from estimator_pkg.observers.wheels import Geometry, WheelObserver, WheelOdometry
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import Answering
 from estimator_pkg.streams.contract import (
@@ -75,7 +75,7 @@ class WheelSettings(Geometry, StreamSettings):
         """All wheels, left ones first."""
         return (*self.wheels_left, *self.wheels_right)
 
-    def find_observer(self) -> Observer:
+    def find_observer(self) -> type[Observer]:
         """Return the observer; raise UsageError for a base that is none."""
         for name, example in (('radius', '[0.05]'), ('track', '0.3')):
             if getattr(self, name) is None:
@@ -93,7 +93,7 @@ class WheelSettings(Geometry, StreamSettings):
             )
         if self.gyro_ratio == 0.0:
             raise UsageError("'gyro_ratio' is 0: set 1.0, or another factor to rad/s")
-        return OBSERVER
+        return WheelObserver
 
 
 class WheelStream(Stream):
@@ -111,7 +111,7 @@ class WheelStream(Stream):
             topic, kind, field = settings.gyro_topic, settings.gyro_type, settings.gyro_field
             inputs.append(Port(topic, kind, answered=False, optional=True, field=field))
         bank = Bank(configuration, settings.names)
-        super().__init__(settings, OBSERVER, bank, inputs, (ESTIMATE, STDDEV, ODOMETRY))
+        super().__init__(settings, WheelObserver, bank, inputs, (ESTIMATE, STDDEV, ODOMETRY))
         of_wheel = configuration.for_joint(settings.wheels_left[0])[1]
         gyro = bool(settings.gyro_topic)
         self.base = WheelOdometry(settings, gyro, of_wheel.wrap_period, of_wheel.timeout)

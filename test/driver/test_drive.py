@@ -14,20 +14,19 @@ from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.engine.calls import functions_of
 from estimator_pkg.estimate import INITIALISING, NOT_OBSERVABLE, TRACKING
-from estimator_pkg.observers.pmsm import observer
-from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains
+from estimator_pkg.observers.pmsm.observer import Gains, Pmsm
 from estimator_pkg.observers.pmsm.state import State
 from estimator_pkg.parameters import build as build_parameters
 from estimator_pkg.parameters import declared
 
-NO_ENGINE = functions_of(observer) is None
+NO_ENGINE = functions_of(Pmsm) is None
 needs_engine = pytest.mark.skipif(NO_ENGINE, reason='installed without a C compiler')
 plainly = mock.patch('estimator_pkg.driver.joint.functions_of', lambda module: None)
 
 
 def joint_of(gap_max=0.2, **gains):
     settings = JointSettings(gap_max=gap_max)
-    return DriveJoint(OBSERVER, build_parameters(Gains, {**MOTOR, **gains}), settings)
+    return DriveJoint(Pmsm, build_parameters(Gains, {**MOTOR, **gains}), settings)
 
 
 def test_lost_batches_are_coasted_over_and_counted():
@@ -56,7 +55,7 @@ def test_coasting_over_a_known_gap_keeps_the_relative_position():
         motor.step(seen.samples[k])
     before = motor.estimate()[0] - seen.truth[1399, 1] / 7.0
     motor.resume(seen.samples[1600])
-    observer.coast(motor.state, 201 * DT)
+    Pmsm.coast(motor.state, 201 * DT)
     for k in range(1601, 2200):
         motor.step(seen.samples[k])
     after = motor.estimate()[0] - seen.truth[2199, 1] / 7.0
@@ -123,7 +122,7 @@ def test_a_start_sets_every_number():
     motor.start((1.0, 2.0, 3.0, 4.0))
     poisoned = np.frombuffer(b'\xff' * State.dtype.itemsize, State.dtype)
     other = State.read(poisoned[0])
-    observer.start(observer, other, motor.design, motor.sample)
+    Pmsm.start(Pmsm, other, motor.design, motor.sample)
     assert values_of(other) == values_of(motor.state)
 
 

@@ -12,14 +12,14 @@ from servos import excited, servo
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.identified import load, save
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.adaptive.observer import Adaptive
 
 DT_NS = 2_000_000
 GOOD = {'order': 2, 'a': [-5.0, -2.0], 'b': [0.0, 30.0], 'stddev': [0.1, 0.2, 0.3, 0.4]}
 
 
 def bank(**values):
-    return AdaptiveBank(AdaptiveConfiguration(OBSERVER, {'wrap_period': 0.0, **values}))
+    return AdaptiveBank(AdaptiveConfiguration(Adaptive, {'wrap_period': 0.0, **values}))
 
 
 def learnt(names=('a',), **values):
@@ -50,7 +50,7 @@ def test_what_is_saved_is_the_plant_and_other_joints_stay(tmp_path):
     assert (found['load'], found['gravity']) == (theta['d2'], theta['s2'])
     assert len(found['stddev']) == 6
     again = AdaptiveConfiguration(
-        OBSERVER, {'wrap_period': 0.0, 'load': True, 'gravity': True}, saved={'a': found}
+        Adaptive, {'wrap_period': 0.0, 'load': True, 'gravity': True}, saved={'a': found}
     )
     assert again.for_joint('a')[0].theta == pytest.approx(said.theta)
     assert again.origin('a').trusted is said.trusted and again.origin('b') is None
@@ -149,7 +149,7 @@ def test_entries_without_deviations_or_of_load_and_gravity_are_whole(tmp_path):
 @pytest.mark.parametrize('word', ['load', 'gravity'])
 def test_saved_parameters_must_fit_the_gains(word):
     with pytest.raises(UsageError, match='have order 2, but order is 1: set order to 2'):
-        AdaptiveConfiguration(OBSERVER, {'order': 1}, saved={'a': GOOD})
+        AdaptiveConfiguration(Adaptive, {'order': 1}, saved={'a': GOOD})
     with pytest.raises(UsageError, match=f'have a {word}: set {word} to true'):
-        AdaptiveConfiguration(OBSERVER, {}, saved={'a': {**GOOD, word: 1.0}})
-    AdaptiveConfiguration(OBSERVER, {}, saved={'a': {**GOOD, word: 0.0}})
+        AdaptiveConfiguration(Adaptive, {}, saved={'a': {**GOOD, word: 1.0}})
+    AdaptiveConfiguration(Adaptive, {}, saved={'a': {**GOOD, word: 0.0}})

@@ -4,7 +4,6 @@
 """Events of a hybrid system: which are used, which are refused, and that each is counted once."""
 
 import math
-from types import SimpleNamespace
 
 import pytest
 
@@ -21,7 +20,7 @@ from estimator_pkg.driver.switched import (
     SwitchedBank,
     SwitchedJoint,
 )
-from estimator_pkg.observers.switched.observer import OBSERVER, Gains
+from estimator_pkg.observers.switched.observer import Gains, Switched
 from estimator_pkg.parameters import build
 
 START_NS, MS = 1_700_000_000_000_000_000, 1_000_000
@@ -29,7 +28,7 @@ START_NS, MS = 1_700_000_000_000_000_000, 1_000_000
 
 def system(**settings):
     made = SwitchedJoint(
-        OBSERVER, build(Gains, {'model': 'gripper'}), build(DrivenSettings, settings)
+        Switched, build(Gains, {'model': 'gripper'}), build(DrivenSettings, settings)
     )
     made.happened = []  # the sample after which an event took effect
     module = made.module
@@ -38,7 +37,7 @@ def system(**settings):
         made.happened.append(((made.last_ns - START_NS) // MS, mode))
         module.jump(observer, state, design, mode, v)
 
-    made.module = SimpleNamespace(**{**vars(module), 'jump': noted})
+    made.module = type('Noted', (module,), {'jump': staticmethod(noted)})
     return made
 
 

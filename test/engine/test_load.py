@@ -153,10 +153,10 @@ def test_a_stale_engine_is_reported_once(tmp_path):
     script = (
         'from multiprocessing import get_context\nfrom pathlib import Path\n'
         'from estimator_pkg.engine import calls\n'
-        'from estimator_pkg.observers.angle import kalman, pll\n'
+        'from estimator_pkg.observers.angle.kalman import Kalman\n'
         f'calls.LIBRARY = Path({str(tmp_path / "_engine.so")!r})\n'
         'calls.load = lambda: (None, "_engine.so was made from other sources: install again")\n'
-        'calls.functions_of(kalman), calls.functions_of(pll), calls.available()\n'
+        'calls.functions_of(Kalman), calls.available()\n'
         'fork = get_context("fork").Process(target=calls.available)\n'
         'calls._refused.cache_clear()\nfork.start()\nfork.join()\n'
     )

@@ -42,7 +42,7 @@ def test_the_check_sees_a_small_mistake_in_psi(module):
 
     names = 'joints', 'centre', 'reach', 'inertia', 'coriolis', 'force', 'actuated'
     wrong = types.SimpleNamespace(psi=psi, **{name: getattr(right, name) for name in names})
-    with pytest.raises(UserError, match=r"PLvCC residual .* use the observer 'hgo'"):
+    with pytest.raises(UserError, match=r"PLvCC.* with its Psi .* use the observer 'hgo'"):
         check.check(Mechanics(wrong, 'wrong'))
 
 
@@ -120,7 +120,7 @@ def test_an_own_model_may_have_more_positions_than_ours():
 @pytest.mark.parametrize(
     'name, words',
     [
-        ('own_models:WrongPsi', 'not partially linearisable with its Psi (PLvCC residual'),
+        ('own_models:WrongPsi', 'not partially linearisable (PLvCC) with its Psi (residual'),
         ('own_models:WrongCalm', 'calM is not M^-1 Psi^-T'),
         ('own_models:WrongCoriolis', 'Coriolis forces do not belong to the mass matrix'),
         ('own_models:Singular', 'mass matrix is not positive'),
@@ -170,5 +170,5 @@ def test_the_example_of_the_guide_works(tmp_path, monkeypatch):
     crane = load('guide_crane:Crane')
     assert crane.linearisable and crane.actuated == (1,)
     record = observers.find('geso')
-    plan = record.module.plan(record.gains(model='guide_crane:Crane'), Circle())
+    plan = record.plan(record.gains(model='guide_crane:Crane'), Circle())
     assert plan.mechanics.degrees == 2

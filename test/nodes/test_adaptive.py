@@ -11,7 +11,7 @@ from answers import estimated, valid
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.identified import load
 from estimator_pkg.messages.joint_state import Decoder
-from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.adaptive.observer import Adaptive
 from estimator_pkg.parameters import build
 from estimator_pkg.streams.adaptive import AdaptiveStream
 from sim_pkg.joints.dc_motor import SIMULATOR, MotorParameters
@@ -39,7 +39,7 @@ def motor():
 
 def bank_of(raws, **values):
     decode = Decoder().decode
-    bank = AdaptiveBank(AdaptiveConfiguration(OBSERVER, values))
+    bank = AdaptiveBank(AdaptiveConfiguration(Adaptive, values))
     estimates = []
     for raw in raws:
         message = decode(raw)

@@ -74,14 +74,17 @@ NODE = """
     if __name__ == '__main__':
         sys.exit(twin_observer())
 """
-FILES = {
-    'twin.py': OBSERVER.replace("name='mine'", "name='twin', kind='two_encoders'"),
-    'twin_stream.py': FAMILY,
-    'twin_node.py': NODE,
-}
+TWIN = """
+    from alpha_beta import AlphaBeta
+
+    class Twin(AlphaBeta):
+        name, kind = 'twin', 'two_encoders'
+"""
+FILES = {'alpha_beta.py': OBSERVER, 'twin.py': TWIN, 'twin_stream.py': FAMILY, 'twin_node.py': NODE}
 ENTRY_POINTS = """
     [velocity_estimator.observers]
-    twin = twin:OBSERVER
+    twin = twin:Twin
+    alpha_beta = alpha_beta:AlphaBeta
     [velocity_estimator.streams]
     two_encoders = twin_stream:TwinStream
 """
@@ -126,3 +129,27 @@ def test_live_is_replay(foreign, probe, tmp_path):
     speeds = [answer.velocities[0] for answer in live.answers[100:]]
     truth = 3.0 * 4.0 * np.cos(0.004 * np.arange(500))
     assert np.nanmax(np.abs(speeds - truth[100:500])) < 0.5
+
+
+def test_a_live_parameter_of_a_stream_acts(foreign, probe):
+    raws = [Encoder().encode(10**15 + k * 10**6, 'base', ('a', 'b'), (1.0, 1.0)) for k in range(20)]
+    with (
+        dds.NodeProcess('twin_node', *dds.ros_args(remap=['joint_states:=/twin_live'])),
+        dds.Observer(probe, '/twin_observer', '/twin_live') as live,
+    ):
+        live.connect().feed(raws[:10])
+        assert live.set(factor=-2.0).successful
+        live.feed(raws[10:])
+        assert live.answers[9].positions[0] == pytest.approx(1.0)
+        assert live.answers[19].positions[0] < 0.5  # -2 after a jump
+
+
+def test_an_observer_of_another_package_runs_in_our_node(foreign, probe):
+    raws = [Encoder().encode(10**15 + k * 10**6, '', ('a',), (0.003 * k,)) for k in range(300)]
+    words = dds.ros_args('observer:=alpha_beta', 'alpha:=0.2', remap=['joint_states:=/own'])
+    with (
+        dds.NodeProcess('estimator_pkg.nodes.executables joint_observer', *words),
+        dds.Observer(probe, '/joint_observer', '/own') as live,
+    ):
+        live.connect().feed(raws)
+        assert live.answers[-1].velocities[0] == pytest.approx(3.0, rel=1e-6)

@@ -6,7 +6,6 @@
 import dataclasses
 import math
 import re
-from types import ModuleType
 
 import dds  # noqa: F401  the domain of these tests
 import motors
@@ -18,7 +17,6 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import LOST, MISCONFIGURED, TRACKING
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.nodes.ros_parameters import ros_values
-from estimator_pkg.observers.contract import Observer
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
 
 
@@ -103,24 +101,26 @@ def test_a_stuck_bit_of_an_encoder_is_a_warning_until_it_was_right_for_a_minute(
             assert entry.level == b'\x01' and 'of the counter is stuck' in entry.message
 
 
-class FragileObserver(Observer):
-    """It gives no numbers at a bandwidth of 123 Hz."""
+def fragile(observer):
+    """This observer, which gives no numbers at a bandwidth of 123 Hz."""
 
-    def module_of(self, gains):
+    class Broken(observer):
+        @staticmethod
         def prepare(coefficients, design, dt):
             raise OverflowError('math range error')
 
-        if gains.bandwidth_hz != 123.0:
-            return self.module
-        made = ModuleType('fragile')
-        vars(made).update({**vars(self.module), 'prepare': prepare, '__name__': 'fragile'})
-        return made
+    class Fragile(observer):
+        @classmethod
+        def bound(cls, gains):
+            return Broken if gains.bandwidth_hz == 123.0 else observer
+
+    return Fragile
 
 
 @dataclasses.dataclass(frozen=True)
 class FragileSettings(AngleSettings):
     def find_observer(self):
-        return FragileObserver(**vars(super().find_observer()))
+        return fragile(super().find_observer())
 
 
 class Fragile(AngleStream):

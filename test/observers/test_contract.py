@@ -25,7 +25,7 @@ from estimator_pkg.estimate import (
     Deviation,
     Estimate,
 )
-from estimator_pkg.observers import contract
+from estimator_pkg.observers import Observer
 from estimator_pkg.parameters import build, declared
 from estimator_pkg.record import Vector
 from estimator_pkg.sensor.guard import DUPLICATE
@@ -46,18 +46,12 @@ def test_a_status_is_the_number_that_recorded_bags_carry():
     assert len(STATUS_NAMES) == 6 and STATUS_NAMES[LOST] == 'lost'
 
 
-MODULES = {
-    observer.name: observer.module
+CLASSES = [
+    observer
     for observer in found().values()
     if observer.kind != 'mechanical'  # a class with matrices
-}
-each_module = pytest.mark.parametrize('module', MODULES.values(), ids=MODULES)
-OPTIONAL = {'runs_plain', 'why'}
-
-
-def arguments(described):
-    """The arguments in a line of the tables of the contract."""
-    return described[1 : described.index(')')].split(', ')
+]
+each_class = pytest.mark.parametrize('observer', CLASSES, ids=lambda observer: observer.name)
 
 
 BRANCHES = (  # of the equations, that no variant takes
@@ -89,15 +83,14 @@ def test_plain_equals_the_engine_per_sample(variant):
         assert len({verdict for verdict, _ in seen}) >= 5
 
 
-@each_module
-def test_a_module_has_what_the_contract_lists(module):
-    for name in contract.RECORDS:
-        assert isinstance(getattr(module, name).fields, dict), name
-    for name, described in (*contract.FUNCTIONS.items(), *contract.METHODS.items()):
-        if hasattr(module, name) or name not in OPTIONAL:
-            assert list(signature(getattr(module, name)).parameters) == arguments(described), name
-    for name in contract.CONSTANTS:
-        assert type(getattr(module, name)) is bool, name
+@each_class
+def test_an_observer_has_what_the_contract_lists(observer):
+    for name in ('Design', 'Coefficients', 'State'):
+        assert isinstance(getattr(observer, name).fields, dict), name
+    for name, inherited in vars(Observer).items():
+        if isinstance(inherited, staticmethod):
+            expected = list(signature(inherited.__func__).parameters)
+            assert list(signature(getattr(observer, name)).parameters) == expected, name
 
 
 class Parts:
@@ -107,7 +100,7 @@ class Parts:
         name, gains = variant
         observer = observers.find(name)
         gains = build(observer.gains, gains)
-        self.module = observer.module_of(gains)
+        self.module = observer.bound(gains)
         self.design = self.module.design(gains, Circle(period))
         self.state = self.module.State.of(self.module)()
         self.coefficients = self.module.Coefficients()
@@ -299,7 +292,7 @@ def test_live_change_of_a_gain_keeps_the_state(name, key, value):
     assert before[3] == TRACKING
     try:
         gains = dataclasses.replace(joint.gains, **{key: value})
-        observer.module.design(gains, Circle())
+        observer.design(gains, Circle())
     except UsageError as error:
         pytest.skip(f'not alone: {error}')
     joint.set_gains(gains)

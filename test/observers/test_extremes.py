@@ -15,9 +15,9 @@ from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import MISCONFIGURED
-from estimator_pkg.observers.angle.hybrid import observer as hybrid
 from estimator_pkg.observers.angle.hybrid import robust
-from estimator_pkg.observers.angle.hybrid.state import Coefficients
+from estimator_pkg.observers.angle.hybrid.design import Coefficients
+from estimator_pkg.observers.angle.hybrid.observer import Gains, HybridAngle
 from estimator_pkg.parameters import build
 
 NAMES = [name for name in angle_observers() if name not in UNTUNED]
@@ -116,7 +116,7 @@ def test_a_slow_hybrid_loop_at_a_high_rate_has_the_gains_of_its_design(order, k)
 
 
 def hybrid_design(**gains):
-    return hybrid.design(build(hybrid.Gains, gains), Circle())
+    return HybridAngle.design(build(Gains, gains), Circle())
 
 
 def sampled(design, dt):

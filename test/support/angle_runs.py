@@ -10,9 +10,8 @@ import numpy as np
 from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.observers.angle.hybrid import observer
-from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
-from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core
+from estimator_pkg.observers.angle.hybrid.design import Coefficients, Core
+from estimator_pkg.observers.angle.hybrid.observer import HybridAngle
 from estimator_pkg.parameters import build
 
 TURN = 2.0 * math.pi
@@ -26,7 +25,7 @@ MARGIN = math.radians(5.0)
 
 
 def make(period=TURN, **gains):
-    return Joint(OBSERVER, build(OBSERVER.gains, gains), JointSettings(wrap_period=period))
+    return Joint(HybridAngle, build(HybridAngle.gains, gains), JointSettings(wrap_period=period))
 
 
 def wrapped(angle, period=TURN):
@@ -41,10 +40,10 @@ class Inner:
     """The observer itself, without what angle observers share around it."""
 
     def __init__(self, dt, period=TURN, **gains):
-        self.design = observer.design(build(OBSERVER.gains, gains), Circle(period))
+        self.design = HybridAngle.design(build(HybridAngle.gains, gains), Circle(period))
         self.coefficients, self.core = Coefficients(), Core()
-        observer.prepare(self.coefficients, self.design, dt)
-        observer.begin(self.core, self.design, 0.0)
+        HybridAngle.prepare(self.coefficients, self.design, dt)
+        HybridAngle.begin(self.core, self.design, 0.0)
 
     def put(self, **fields):
         """Set fields of the core; the position follows."""
@@ -54,4 +53,4 @@ class Inner:
 
     def correct(self, reading):
         """Take a reading; return the innovation."""
-        return observer.correct(self.core, self.coefficients, self.design, reading)
+        return HybridAngle.correct(self.core, self.coefficients, self.design, reading)

@@ -20,7 +20,7 @@ FAST = ('pendulum_inertia=1', 'pendulum_moment=0.9', 'moving_mass=1', 'gravity=1
 def made(name, circle=None, **values):
     """An observer of mechanisms with its gains."""
     record = observers.find(name)
-    return record.module.plan(build(record.gains, values), circle or Circle())
+    return record.plan(build(record.gains, values), circle or Circle())
 
 
 def begun(observer, reading):

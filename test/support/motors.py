@@ -10,12 +10,12 @@ import numpy as np
 
 from estimator_pkg.circle import Circle
 from estimator_pkg.estimate import Deviation, Estimate
-from estimator_pkg.observers.pmsm import observer
 from estimator_pkg.observers.pmsm.observer import (
     DriveSample,
     Electrical,
     ElectricalDeviation,
     Gains,
+    Pmsm,
 )
 from estimator_pkg.observers.pmsm.state import Coefficients, State
 from estimator_pkg.parameters import build as build_parameters
@@ -33,23 +33,23 @@ class Motor:
     """The observer at some gains, sample by sample."""
 
     def __init__(self, gains, dt=DT):
-        self.design = observer.design(gains, Circle(0.0))
+        self.design = Pmsm.design(gains, Circle(0.0))
         self.state, self.coefficients, self.sample = State(), Coefficients(), DriveSample()
-        observer.prepare(self.coefficients, self.design, dt)
+        Pmsm.prepare(self.coefficients, self.design, dt)
 
     def take(self, function, row, *more):
         for name, value in zip(DriveSample.fields, row):
             setattr(self.sample, name, float(value))
-        function(observer, self.state, *more, self.design, self.sample)
+        function(Pmsm, self.state, *more, self.design, self.sample)
 
     def start(self, row):
-        self.take(observer.start, row)
+        self.take(Pmsm.start, row)
 
     def resume(self, row):
-        self.take(observer.resume, row, self.coefficients)
+        self.take(Pmsm.resume, row, self.coefficients)
 
     def step(self, row):
-        self.take(lambda *given: observer.step(*given, 0.0), row, self.coefficients)
+        self.take(lambda *given: Pmsm.step(*given, 0.0), row, self.coefficients)
 
     @property
     def reasons(self):
@@ -58,29 +58,27 @@ class Motor:
     def estimate(self):
         """(position, velocity, nan, status)."""
         out = Estimate()
-        observer.estimate(
-            observer, out, self.state, self.coefficients, self.design, self.sample, 0.0
-        )
+        Pmsm.estimate(Pmsm, out, self.state, self.coefficients, self.design, self.sample, 0.0)
         return values(out)
 
     def electrical(self):
         """(angle, speed, flux, valid, status, reasons)."""
         out = Electrical()
-        observer.electrical(out, self.state, self.design)
+        Pmsm.electrical(out, self.state, self.design)
         return values(out)
 
     def electrical_stddev(self):
         out = ElectricalDeviation()
-        observer.electrical_deviation(out, self.state, self.coefficients, self.design)
+        Pmsm.electrical_deviation(out, self.state, self.coefficients, self.design)
         return values(out)
 
     def stddev(self):
         out = Deviation()
-        observer.deviation(observer, out, self.state, self.coefficients, self.design, 1.0)
+        Pmsm.deviation(Pmsm, out, self.state, self.coefficients, self.design, 1.0)
         return values(out)
 
     def speed_bound(self):
-        return observer.speed_bound(self.state, self.coefficients, self.design)
+        return Pmsm.speed_bound(self.state, self.coefficients, self.design)
 
 
 def values(record):

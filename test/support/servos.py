@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from estimator_pkg.driver.adaptive import AdaptiveJoint
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.observers.adaptive.observer import OBSERVER, Gains
+from estimator_pkg.observers.adaptive.observer import Adaptive, Gains
 from estimator_pkg.parameters import build
 
 
@@ -37,7 +37,7 @@ def servo(damping, stiffness, gain, u, dt, load=0.0, start=(0.0, 0.0)):
 
 
 def joint(period=2.0 * math.pi, **gains):
-    return AdaptiveJoint(OBSERVER, build(Gains, gains), JointSettings(wrap_period=period))
+    return AdaptiveJoint(Adaptive, build(Gains, gains), JointSettings(wrap_period=period))
 
 
 def feed(made, angles, inputs, dt=1e-3, start_ns=10**18):

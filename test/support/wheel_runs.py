@@ -11,7 +11,7 @@ import numpy as np
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.estimate import VALID
-from estimator_pkg.observers.wheels import OBSERVER, Geometry, WheelOdometry
+from estimator_pkg.observers.wheels import Geometry, WheelObserver, WheelOdometry
 
 RADIUS, TRACK, PERIOD = 0.1, 0.5, 2.0 * np.pi
 QUANTUM = PERIOD / 4096
@@ -85,7 +85,7 @@ def drive(
     yaw = np.cumsum(_steps(w, h))
     x, y = np.cumsum(_steps(v * (np.cos(yaw), np.sin(yaw)), h), axis=1)
     stamps = START + np.round(t[::fine] * 1e9).astype(np.int64)
-    bank, rows, found = Bank(Configuration(OBSERVER, {'quantum': QUANTUM}, {})), [], []
+    bank, rows, found = Bank(Configuration(WheelObserver, {'quantum': QUANTUM}, {})), [], []
     readings = np.floor(angles % PERIOD / QUANTUM) * QUANTUM
     for row, (stamp, reading) in enumerate(zip(stamps.tolist(), readings.tolist())):
         taken = bank.update(stamp, WHEELS, reading)

@@ -76,7 +76,7 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
 
 def _sources(examined: Sequence[Examined], choice: Choice) -> dict[str, Any]:
     """Return the parameters of second sensors, if the observer takes them."""
-    informed = hasattr(observers.find(choice.observer).module, 'inform')
+    informed = hasattr(observers.find(choice.observer), 'inform')
     return second.together([each.sources for each in examined]) if informed else {}
 
 

@@ -56,7 +56,7 @@ def run(
     return {'observer': parsed.observer, 'out': str(out), 'package': parsed.name, 'joints': joints}
 
 
-def check(name: str, observer: Observer) -> None:
+def check(name: str, observer: type[Observer]) -> None:
     """Raise UsageError for a name that ROS refuses, or an observer of more than an angle."""
     if not NAME.fullmatch(name):
         raise UsageError(

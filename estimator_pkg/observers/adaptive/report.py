@@ -19,7 +19,7 @@ from estimator_pkg.observers.adaptive.law import (
     injected,
     variance,
 )
-from estimator_pkg.observers.adaptive.observer import SLOW_POWER_RATIO, Gains, prepare
+from estimator_pkg.observers.adaptive.observer import SLOW_POWER_RATIO, Adaptive, Gains
 from estimator_pkg.observers.adaptive.state import Array, Coefficients, Design, State
 from estimator_pkg.observers.adaptive.structure import names_of, physical
 from estimator_pkg.observers.maths.linear import companion
@@ -157,7 +157,7 @@ def excitation(design: Design, state: State, dt: float) -> float:
 def _verdict(design: Design, state: State, dt: float, evidence: Evidence) -> Assessment | None:
     """Return the assessment of theta, including errors by noise in the filters and by sampling."""
     n, coefficients = design.order, Coefficients()
-    prepare(coefficients, design, dt)
+    Adaptive.prepare(coefficients, design, dt)
     noise, low_pass = variance(state, design), coefficients.low_pass
     to_x, free = injected(state, design), design.free
     bias = np.zeros(len(state.plant))

@@ -23,52 +23,28 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg.circle import Circle, wrap
-from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
-    DRIVEN,
-    EDGES,
+from estimator_pkg.observers.angle.shared import (
     LAG_2,
     LAG_3,
-    SINGLE_ANGLE,
-    TURNS,
     AngleGains,
+    LinearObserver,
     SharedDesign,
-    State,
-    deviation,
-    estimate,
-    is_reading,
-    pace,
-    restart,
-    resume,
     set_shared,
-    start,
-    step,
     variance_of,
 )
-from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
-from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
-from estimator_pkg.observers.maths.covariance import (
-    Covariance,
-    set_first,
-    set_line_2,
-    set_line_3,
-    set_noise_2,
-    set_noise_3,
-    steady_gains_2,
-    update_2,
-    update_3,
+from estimator_pkg.observers.maths import covariance
+from estimator_pkg.observers.maths.covariance import PRIOR_ACCELERATION, Covariance
+from estimator_pkg.observers.maths.informing import (
+    FUSE_ACCELERATION,
+    FUSE_RATE,
+    Fusion,
+    scalar_update,
 )
-from estimator_pkg.observers.maths.informing import FUSE_ANGLE, FUSE_RATE, Fusion, scalar_update
-from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
+from estimator_pkg.observers.maths.tracking import noise_of_three
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.record import record
-from estimator_pkg.sensor.scatter import (
-    INITIAL_VARIANCE,
-    Scatter,
-    begin_scatter,
-    follow_scatter,
-    resume_scatter,
-)
+from estimator_pkg.sensor import scatter
+from estimator_pkg.sensor.scatter import INITIAL_VARIANCE, Scatter
 
 CONSTANT_VELOCITY, CONSTANT_ACCELERATION = 'constant_velocity', 'constant_acceleration'
 # -3 dB frequency of the velocity over w0; of the third order: the root of u^3 - 8 u - 1, u = w^2
@@ -113,195 +89,168 @@ class Gains(AngleGains):
     )
 
 
-@record
-class Design:
-    """What the gains imply whatever the sample time is."""
+class Kalman(LinearObserver):
+    """The Kalman filter."""
 
-    shared: SharedDesign
-    order: int  # 2: constant velocity, 3: constant acceleration
-    density: float  # q of the white jerk or acceleration, per R where that is known
-    per_dt: bool  # the density is per R dt
-    estimated: bool  # R is estimated
-    variance: float  # R where it is known [rad^2]
+    name = 'kalman'
+    summary = 'Kalman filter of constant velocity or constant acceleration'
+    reference = 'textbook; Bar-Shalom, Li, Kirubarajan (2001), section 6.2'
+    gains = Gains
 
+    @record
+    class Design:
+        """What the gains imply whatever the sample time is."""
 
-@record
-class Coefficients:
-    """What follows from the sample time."""
+        shared: SharedDesign
+        order: int  # 2: constant velocity, 3: constant acceleration
+        prior: float  # variance of the acceleration at a start, see `covariance.set_line`
+        density: float  # q of the white jerk or acceleration, per R where that is known
+        per_dt: bool  # the density is per R dt
+        estimated: bool  # R is estimated
+        variance: float  # R where it is known [rad^2]
 
-    dt: float  # [s]
-    q: Covariance  # Q over dt, per R
+    @record
+    class Coefficients:
+        """What follows from the sample time."""
 
+        dt: float  # [s]
+        q: Covariance  # Q over dt, per R
 
-@record
-class Core:
-    """The filter."""
+    @record
+    class Core:
+        """The filter."""
 
-    position: float  # [rad]
-    velocity: float  # [rad/s]
-    acceleration: float  # [rad/s^2]; nan: constant velocity
-    p: Covariance  # P/R
-    started: bool  # after the second sample
-    scatter: Scatter  # of the measurement, where R is estimated
-    fusion: Fusion
+        position: float  # [rad]
+        velocity: float  # [rad/s]
+        acceleration: float  # [rad/s^2]; nan: constant velocity
+        p: Covariance  # P/R
+        started: bool  # after the second sample
+        scatter: Scatter  # of the measurement, where R is estimated
+        fusion: Fusion
 
-
-def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
-    """Set what follows from dt [s]."""
-    coefficients.dt = dt
-    density = design.density
-    if design.per_dt:
-        density *= dt
-    if design.order == 2:
-        set_noise_2(coefficients.q, density, dt)
-    else:
-        set_noise_3(coefficients.q, density, dt)
-
-
-def begin(core: Core, design: Design, measurement: float) -> None:
-    """Begin at a measurement [rad], without a speed."""
-    core.velocity = 0.0
-    begin_scatter(core.scatter, measurement)
-    forget(core, design, measurement)
-
-
-def resume_core(core: Core, design: Design, measurement: float) -> None:
-    """Go on after a gap: a start, whose kept speed finds the next sample's turn."""
-    resume_scatter(core.scatter, measurement)
-    forget(core, design, measurement)
-
-
-def forget(core: Core, design: Design, measurement: float) -> None:
-    """Forget all but the speed."""
-    core.position = measurement
-    core.acceleration = 0.0 if design.order == 3 else math.nan
-    core.started = False
-    set_first(core.p)
-    core.fusion.last = core.fusion.mean = 0.0
-    core.fusion.now = False
-
-
-def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
-    """Take a measurement [rad]; return the innovation [rad]."""
-    dt, period, scale = coefficients.dt, design.shared.period, 1.0
-    if design.estimated:
-        follow_scatter(core.scatter, measurement, dt, period)
-        scale = 1.0 / core.scatter.variance
-    gained = core.acceleration * dt if design.order == 3 else 0.0
-    innovation = measurement - core.position - (core.velocity + 0.5 * gained) * dt
-    if innovation + innovation >= period or innovation + innovation < -period:
-        innovation = wrap(innovation, period)
-    if not core.started:
-        core.position = measurement
-        core.velocity += innovation / dt
-        core.started = True
-        if design.order == 2:
-            set_line_2(core.p, dt)
+    @staticmethod
+    def design(gains: Gains, circle: Circle) -> Kalman.Design:
+        """Return what follows from the gains whatever the sample time is."""
+        made = Kalman.Design()
+        variance = variance_of(gains)
+        made.variance = variance if variance > 0.0 else INITIAL_VARIANCE
+        made.order, made.prior, lag = 3, PRIOR_ACCELERATION, LAG_3
+        if gains.model == CONSTANT_VELOCITY:
+            made.order, made.prior, lag = 2, 0.0, LAG_2
+        if gains.bandwidth_hz is not None:
+            radius = 2.0 * math.pi * gains.bandwidth_hz / BANDWIDTH_RATIO[gains.model]
+            made.density, made.per_dt = radius ** (2 * made.order), True
         else:
-            core.acceleration = 0.0
-            set_line_3(core.p, dt)
-        return 0.0
-    if design.order == 2:
-        K1, of_s = update_2(core.p, coefficients.q, dt, scale)
-    else:
-        K1, K2, of_s = update_3(core.p, coefficients.q, dt, scale)
-        core.acceleration += K2 * innovation
-    # prediction + K0 e is measurement - e/S, which stays on the measurement's turn
-    core.position = measurement - of_s * innovation
-    core.velocity = core.velocity + gained + K1 * innovation
-    return innovation
+            density = gains.acceleration_psd if made.order == 2 else gains.jerk_psd
+            made.estimated = variance == 0.0
+            made.density = density if made.estimated else density / variance
+            radius = (density / made.variance / USUAL_DT) ** (0.5 / made.order)
+        set_shared(made.shared, gains, circle, SETTLING / radius, lag)
+        return made
 
+    @staticmethod
+    def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+        """Set what follows from dt [s]."""
+        coefficients.dt = dt
+        density = design.density * dt if design.per_dt else design.density
+        covariance.set_noise(coefficients.q, design.order, density, dt)
 
-def inform(
-    state: Any, coefficients: Coefficients, design: Design, kind: int, value: float, variance: float
-) -> None:
-    """Take what another sensor tells of the present motion; see `maths.informing`."""
-    core = state.core
-    if not core.started or (design.order == 2 and kind != FUSE_RATE):
-        return
-    y = (
-        core.velocity
-        if kind == FUSE_RATE
-        else core.position
-        if kind == FUSE_ANGLE
-        else core.acceleration
-    )
-    r = core.scatter.variance if design.estimated else design.variance
-    x, v, a = scalar_update(core.p, core.fusion, kind, (value - y) / math.sqrt(r), variance / r)
-    core.position += x * math.sqrt(r)
-    core.velocity += v * math.sqrt(r)
-    if design.order == 3:
+    @staticmethod
+    def begin(core: Core, design: Design, measurement: float) -> None:
+        """Begin at a measurement [rad], without a speed."""
+        Kalman.resume_core(core, design, measurement)
+        core.velocity = 0.0
+        scatter.begin_scatter(core.scatter, measurement)
+
+    @staticmethod
+    def resume_core(core: Core, design: Design, measurement: float) -> None:
+        """Go on after a gap: a start, whose kept speed finds the next sample's turn."""
+        scatter.resume_scatter(core.scatter, measurement)
+        core.position = measurement
+        core.acceleration = 0.0 if design.order == 3 else math.nan
+        core.started = False
+        covariance.set_first(core.p)
+        core.fusion.last = core.fusion.mean = 0.0
+        core.fusion.now = False
+
+    @staticmethod
+    def correct(
+        core: Core, coefficients: Coefficients, design: Design, measurement: float
+    ) -> float:
+        """Take a measurement [rad]; return the innovation [rad]."""
+        dt, period, scale = coefficients.dt, design.shared.period, 1.0
+        if design.estimated:
+            scatter.follow_scatter(core.scatter, measurement, dt, period)
+            scale = 1.0 / core.scatter.variance
+        gained = core.acceleration * dt if design.order == 3 else 0.0
+        innovation = measurement - core.position - (core.velocity + 0.5 * gained) * dt
+        if innovation + innovation >= period or innovation + innovation < -period:
+            innovation = wrap(innovation, period)
+        if not core.started:  # a straight line through two samples
+            core.position = measurement
+            core.velocity += innovation / dt
+            core.started = True
+            covariance.set_line(core.p, dt, design.prior)
+            return 0.0
+        K1, K2, of_s = covariance.update(core.p, coefficients.q, dt, scale, design.prior)
+        # prediction + K0 e is measurement - e/S, which stays on the measurement's turn
+        core.position = measurement - of_s * innovation
+        core.velocity = core.velocity + gained + K1 * innovation
+        core.acceleration += K2 * innovation  # stays nan where there is none
+        return innovation
+
+    @staticmethod
+    def noise_gains(
+        core: Core, coefficients: Coefficients, design: Design
+    ) -> tuple[float, float, float]:
+        """Return the variances that white noise alone causes at the present gains, per R.
+
+        P itself also holds the motion that the model allows for: at constant speed it is several
+        times what is really there. The gains of the third sample, if they stayed, could be those of
+        an unstable observer: it is a line through two, corrected by the second difference.
+        """
+        dt, p = coefficients.dt, core.p
+        if not core.started:
+            return 1.0, 2.0 / (dt * dt), 2.0  # as the second sample will leave it
+        alpha, beta, gamma = p.p00, p.p01 * dt, p.p02 * dt * dt
+        if 2.0 * alpha + beta < 4.0 and alpha * (2.0 * beta + gamma) > 2.0 * gamma:
+            return noise_of_three(alpha, beta, gamma, dt)
+        return alpha, (2.0 - 6.0 * beta * (1.0 - beta)) / (dt * dt), 6.0
+
+    @staticmethod
+    def inform(
+        state: Any,
+        coefficients: Coefficients,
+        design: Design,
+        kind: int,
+        value: float,
+        variance: float,
+    ) -> None:
+        """Take what another sensor tells of the present motion; see `maths.informing`."""
+        core = state.core
+        if not core.started or (design.order == 2 and kind != FUSE_RATE):
+            return
+        y = core.acceleration
+        if kind != FUSE_ACCELERATION:
+            y = core.velocity if kind == FUSE_RATE else core.position
+        r = core.scatter.variance if design.estimated else design.variance
+        x, v, a = scalar_update(core.p, core.fusion, kind, (value - y) / math.sqrt(r), variance / r)
+        core.position += x * math.sqrt(r)
+        core.velocity += v * math.sqrt(r)
         core.acceleration += a * math.sqrt(r)
 
+    @staticmethod
+    def group_delay(design: Design, dt: float) -> float:
+        """Return the delay of the velocity at low frequency [s]; nan: not known."""
+        if design.order == 3:
+            return 0.0  # a constant acceleration is followed without lag
+        if design.estimated:
+            return math.nan  # it follows from noise that is not known
+        of_r = design.density * dt if design.per_dt else design.density
+        alpha, beta = covariance.steady_gains(of_r, dt)
+        return dt * (alpha / beta - 0.5)
 
-def noise_of_third(alpha: float, beta: float, dt: float) -> tuple[float, float, float]:
-    """Return the same as `noise_gains_2`, after the third sample.
-
-    That is a line through two, corrected by the second difference of all three. Its gains, if they
-    stayed, could be those of an unstable observer.
-    """
-    return alpha, (2.0 - 6.0 * beta * (1.0 - beta)) / (dt * dt), 6.0
-
-
-def noise_gains(
-    core: Core, coefficients: Coefficients, design: Design
-) -> tuple[float, float, float]:
-    """Return the variances that white noise alone causes at the present gains, per R.
-
-    Those of position, velocity and innovation. P itself also holds the motion that the model allows
-    for: at constant speed it is several times what is really there.
-    """
-    dt, p = coefficients.dt, core.p
-    if not core.started:
-        return 1.0, 2.0 / (dt * dt), 2.0  # as the second sample will leave it
-    alpha, beta = p.p00, p.p01 * dt
-    if design.order == 2:
-        if 2.0 * alpha + beta < 4.0:
-            return noise_of_two(alpha, beta, dt)
-        return noise_of_third(alpha, beta, dt)
-    gamma = p.p02 * dt * dt
-    if 2.0 * alpha + beta < 4.0 and alpha * (2.0 * beta + gamma) > 2.0 * gamma:
-        return noise_of_three(alpha, beta, gamma, dt)
-    return noise_of_third(alpha, beta, dt)
-
-
-def design(gains: Gains, circle: Circle) -> Design:
-    """Return what follows from the gains whatever the sample time is."""
-    made = Design()
-    made.order = 2 if gains.model == CONSTANT_VELOCITY else 3
-    made.density = gains.acceleration_psd if made.order == 2 else gains.jerk_psd
-    variance = variance_of(gains)
-    made.variance = variance if variance > 0.0 else INITIAL_VARIANCE
-    if gains.bandwidth_hz is not None:
-        radius = 2.0 * math.pi * gains.bandwidth_hz / BANDWIDTH_RATIO[gains.model]
-        made.density = radius ** (2 * made.order)
-        made.per_dt = True
-    else:
-        made.estimated = variance == 0.0
-        if not made.estimated:
-            made.density /= variance
-        usual = made.density / INITIAL_VARIANCE if made.estimated else made.density
-        radius = (usual / USUAL_DT) ** (0.5 / made.order)
-    set_shared(made.shared, gains, circle, SETTLING / radius, LAG_2 if made.order == 2 else LAG_3)
-    return made
-
-
-def group_delay(design: Design, dt: float) -> float:
-    """Return the delay of the velocity at low frequency [s]; nan: not known."""
-    if design.order == 3:
-        return 0.0  # a constant acceleration is followed without lag
-    if design.estimated:
-        return math.nan  # it follows from noise that is not known
-    of_r = design.density * dt if design.per_dt else design.density
-    alpha, beta = steady_gains_2(of_r, dt)
-    return dt * (alpha / beta - 0.5)
-
-
-OBSERVER = Observer(
-    name='kalman',
-    summary='Kalman filter of constant velocity or constant acceleration',
-    gains=Gains,
-    reference='textbook; Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking '
-    'and Navigation (2001), section 6.2',
-    gives_acceleration=lambda gains: gains.model == CONSTANT_ACCELERATION,
-)
+    @staticmethod
+    def gives_acceleration(gains: Gains) -> bool:
+        """Return True if `estimate` sets the acceleration."""
+        return gains.model == CONSTANT_ACCELERATION

@@ -15,30 +15,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from estimator_pkg.circle import Circle, wrap
-from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
-    DRIVEN,
-    EDGES,
-    LAG_2,
-    SINGLE_ANGLE,
-    TURNS,
-    AngleGains,
-    SharedDesign,
-    State,
-    deviation,
-    estimate,
-    is_reading,
-    pace,
-    restart,
-    resume,
-    set_shared,
-    start,
-    step,
-)
-from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
-from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
-from estimator_pkg.observers.maths.tracking import matched, natural_frequency, noise_of_two
+from estimator_pkg.circle import Circle
+from estimator_pkg.observers.angle.loop import TrackingLoop
+from estimator_pkg.observers.angle.shared import LAG_2, AngleGains, SharedDesign, set_shared
+from estimator_pkg.observers.maths.tracking import matched, natural_frequency
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 
@@ -66,91 +46,43 @@ class Gains(AngleGains):
     )
 
 
-@record
-class Design:
-    """What the gains imply whatever the sample time is: poles at -decay +- sqrt(discriminant)."""
+class Pll(TrackingLoop):
+    """The phase-locked loop."""
 
-    shared: SharedDesign
-    decay: float  # zeta w0 [1/s]
-    discriminant: float  # (zeta^2 - 1) w0^2 [1/s^2]
+    name = 'pll'
+    summary = 'phase-locked loop of motor drives, second order'
+    reference = 'textbook; Harnefors and Nee, IEEE Trans. Ind. Electron. 47(1), 2000'
+    gains = Gains
 
+    @record
+    class Design:
+        """What the gains imply whatever dt is: poles at -decay +- sqrt(discriminant)."""
 
-@record
-class Coefficients:
-    """What follows from the sample time."""
+        shared: SharedDesign
+        decay: float  # zeta w0 [1/s]
+        discriminant: float  # (zeta^2 - 1) w0^2 [1/s^2]
 
-    dt: float  # [s]
-    alpha: float
-    rate: float  # beta/dt [1/s]
+    @staticmethod
+    def design(gains: Gains, circle: Circle) -> Pll.Design:
+        """Return what follows from the gains whatever the sample time is."""
+        made = Pll.Design()
+        natural = natural_frequency(gains.bandwidth_hz, gains.damping)
+        made.decay = gains.damping * natural
+        made.discriminant = (gains.damping * gains.damping - 1.0) * natural * natural
+        slow = made.decay
+        if made.discriminant > 0.0:
+            slow -= math.sqrt(made.discriminant)
+        set_shared(made.shared, gains, circle, SETTLING / slow, LAG_2)
+        return made
 
+    @staticmethod
+    def prepare(coefficients: TrackingLoop.Coefficients, design: Design, dt: float) -> None:
+        """Set what follows from dt [s]."""
+        alpha, beta = matched(design.decay, design.discriminant, dt)
+        coefficients.dt, coefficients.alpha, coefficients.rate = dt, alpha, beta / dt
 
-@record
-class Core:
-    """The loop."""
-
-    position: float  # x [rad]
-    velocity: float  # v [rad/s]
-    acceleration: float  # nan
-
-
-def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
-    """Set what follows from dt [s]."""
-    alpha, beta = matched(design.decay, design.discriminant, dt)
-    coefficients.dt, coefficients.alpha, coefficients.rate = dt, alpha, beta / dt
-
-
-def begin(core: Core, design: Design, measurement: float) -> None:
-    """Begin at a measurement [rad] and v = 0."""
-    core.position, core.velocity, core.acceleration = measurement, 0.0, math.nan
-
-
-def resume_core(core: Core, design: Design, measurement: float) -> None:
-    """Go on after a gap: at the measurement [rad], with the speed as it was."""
-    core.position = measurement
-
-
-def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
-    """Take a measurement [rad]; return the innovation [rad]."""
-    period = design.shared.period
-    innovation = measurement - core.position - core.velocity * coefficients.dt
-    if innovation + innovation >= period or innovation + innovation < -period:
-        innovation = wrap(innovation, period)
-    # prediction + alpha e, but written from the measurement: so it stays on the measurement's turn
-    core.position = measurement - (1.0 - coefficients.alpha) * innovation
-    core.velocity += coefficients.rate * innovation
-    return innovation
-
-
-def noise_gains(
-    core: Core, coefficients: Coefficients, design: Design
-) -> tuple[float, float, float]:
-    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise."""
-    dt = coefficients.dt
-    return noise_of_two(coefficients.alpha, coefficients.rate * dt, dt)
-
-
-def design(gains: Gains, circle: Circle) -> Design:
-    """Return what follows from the gains whatever the sample time is."""
-    made = Design()
-    natural = natural_frequency(gains.bandwidth_hz, gains.damping)
-    made.decay = gains.damping * natural
-    made.discriminant = (gains.damping * gains.damping - 1.0) * natural * natural
-    slow = made.decay
-    if made.discriminant > 0.0:
-        slow -= math.sqrt(made.discriminant)
-    set_shared(made.shared, gains, circle, SETTLING / slow, LAG_2)
-    return made
-
-
-def group_delay(design: Design, dt: float) -> float:
-    """Return the delay of the velocity at low frequency [s]."""
-    alpha, beta = matched(design.decay, design.discriminant, dt)
-    return dt * (alpha / beta - 0.5)
-
-
-OBSERVER = Observer(
-    name='pll',
-    summary='phase-locked loop of motor drives, second order',
-    gains=Gains,
-    reference='textbook; Harnefors and Nee, IEEE Trans. Ind. Electron. 47(1), 2000',
-)
+    @staticmethod
+    def begin(core: TrackingLoop.Core, design: Design, measurement: float) -> None:
+        """Begin at a measurement [rad] and v = 0."""
+        TrackingLoop.begin(core, design, measurement)
+        core.started = True

@@ -3,10 +3,6 @@
 
 """What every observer of a single angle but `edge_adaptive` shares: noise, low-speed bound, lock.
 
-Such an observer is a small core: a prediction, and a correction by the wrapped innovation. Its
-module has `Core`, `begin`, `correct`, `resume_core` and `noise_gains` besides what the contract
-asks for, and takes `start`, `step`, `estimate`, `deviation`, `resume` and `restart` from here.
-
 A core that was astray for too long starts again. So does one whose lock returned at another speed:
 every speed + n 2 pi/dt fits the samples as well, and a shaft does not change by half of that while
 the lock is in doubt; nor does a start know of more than pi/dt.
@@ -18,7 +14,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg.circle import Circle, is_angle, is_next_count, wrap
+from estimator_pkg.circle import Circle, is_next_count, wrap
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING, Deviation, Estimate
 from estimator_pkg.observers.angle.starts import (
     LASTS,
@@ -32,17 +28,13 @@ from estimator_pkg.observers.angle.starts import (
     set_start,
     start_deviation,
 )
-from estimator_pkg.observers.angle.starts import linear_pace as pace  # noqa: F401
+from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 from estimator_pkg.sensor.outliers import OUTLIER_GATE, Outliers, believed
 from estimator_pkg.sensor.quantum import FINEST_QUANTUM
 
-SINGLE_ANGLE = True
-EDGES = False
-TURNS = True
-DRIVEN = False
 MEMORY = 400.0  # samples over which the innovation's power is averaged
 STILL = 8.0  # equal readings in a row that show that the noise is less than a quantum
 UNCHANGED_SIGMAS = 4.0  # standard deviations of noise that may have kept a reading unchanged
@@ -57,6 +49,8 @@ SHORT = 32.0  # samples over which they are averaged until the start is over
 CALMED = 16.0  # times the recent power: what raised the mean, an outlier, is over
 SURGE = 2.0  # times its mean, by chance the recent power of the innovation is no larger
 UNBOUNDED = 1e200  # a noise gain beyond it: no gap, but a sample time too long for the core
+PACE = 0.8  # of the cube root of (velocity noise gain)/dt: the pace of a tracking loop
+THIRD = 1.0 / 3.0
 LEAST_GAP = 0.2  # [s] a gap is at least so long
 RESIDUE = 1e-9  # [rad] a smaller step is rounding and not the quantum
 SAME_STEP_TOLERANCE = 1e-3  # of a step: two that differ by less differ by their last digits
@@ -130,18 +124,6 @@ class Lock:
     trusted: float  # speed before the doubt [rad/s]; 0 at a start
 
 
-@record
-class State:
-    """The core, and what is shared around it."""
-
-    core: observer.Core  # type: ignore[name-defined]  # noqa: F821  (bound by the observer's module)
-    convention: Convention
-    reading: Reading
-    lock: Lock
-    start: Start
-    doubt: Outliers
-
-
 def variance_floor(quantum: float) -> float:
     """Return the variance of a uniform quantisation error [rad^2]."""
     return quantum * quantum / 12.0
@@ -170,78 +152,6 @@ def set_shared(
     design.low_speed_bound = gains.low_speed_bound
     design.lost_after = max(DOUBT_LIMIT, float(settle))
     design.restarts, design.lag = restarts, lag
-
-
-def is_reading(measurement: float) -> bool:
-    """Return False for NaN, infinities and numbers that no encoder gives [rad or m]."""
-    return is_angle(measurement)
-
-
-def start(observer: Any, state: Any, design: Any, measurement: float) -> None:
-    """Set the state after the first sample [rad]."""
-    begin_convention(state.convention, measurement)
-    _begin_but_convention(observer, state, design, measurement)
-
-
-def restart(observer: Any, state: Any, coefficients: Any, design: Any, measurement: float) -> None:
-    """Start again after an outage or a jump of the clock: the turns counted stay."""
-    follow_convention(state.convention, measurement, design.shared.period)
-    _begin_but_convention(observer, state, design, measurement)
-
-
-def _begin_but_convention(observer: Any, state: Any, design: Any, measurement: float) -> None:
-    floor = design.shared.floor
-    observer.begin(state.core, design, measurement)
-    reading = state.reading
-    reading.change = reading.since = reading.smallest = 0.0
-    reading.recent = reading.power = floor
-    reading.count = 1.0
-    unlock(state.lock)
-    set_start(state.start, -REST_TIME, measurement, 0.0, 0.0, 0.0, 0.0)
-    state.doubt.far, state.doubt.off = 0, 0.0
-
-
-def resume(observer: Any, state: Any, coefficients: Any, design: Any, measurement: float) -> None:
-    """Go on after a gap [rad]: with the speed as it was, in doubt."""
-    lock = state.lock
-    if lock.status == TRACKING:
-        lock.status, lock.astray, lock.trusted = COASTING, 0.0, state.core.velocity
-    lock.clear = 0.0
-    speed, period, dt = state.core.velocity, design.shared.period, coefficients.dt
-    moved = wrap(measurement - state.convention.last, period)
-    of_position, of_velocity, of_innovation = observer.noise_gains(state.core, coefficients, design)
-    if of_velocity < UNBOUNDED:
-        kept = abs(speed) + abs(moved) / LEAST_GAP
-        set_start(state.start, dt, measurement, 0.0, 0.0, 0.0, kept)
-    observer.resume_core(state.core, design, measurement)
-    follow_convention(state.convention, measurement, period)
-    state.reading.change = state.reading.since = 0.0
-    state.doubt.far = 0
-
-
-def step(
-    observer: Any,
-    state: Any,
-    coefficients: Any,
-    design: Any,
-    measurement: float,
-    known_input: float,
-) -> None:
-    """Take one sample [rad]: the core's correction, what it shows of the noise, and the lock."""
-    core = state.core
-    speed, dt = core.velocity, coefficients.dt
-    off = measurement - core.position - speed * dt
-    if off * off > OUTLIER_GATE * state.reading.recent and design.shared.restarts:
-        taken = believe(state, design.shared, measurement, dt)
-        if taken != measurement:
-            observer.correct(core, coefficients, design, taken)
-            if not is_inside(state.doubt.off, state.reading, design.shared):
-                relock(observer, state, design, measurement, abs(state.doubt.off), speed, dt)
-            return
-    else:
-        state.doubt.far = 0
-    innovation = observer.correct(core, coefficients, design, measurement)
-    learn(observer, state, coefficients, design, measurement, innovation, speed)
 
 
 def believe(state: Any, shared: SharedDesign, measurement: float, dt: float) -> float:
@@ -441,26 +351,6 @@ def clamped(observer: Any, speed: float, state: Any, coefficients: Any, design: 
     return bound if speed > bound else -bound if speed < -bound else speed
 
 
-def estimate(
-    observer: Any,
-    out: Estimate,
-    state: Any,
-    coefficients: Any,
-    design: Any,
-    measurement: float,
-    known_input: float,
-) -> None:
-    """Set the estimate."""
-    core, reading, shared = state.core, state.reading, design.shared
-    velocity = core.velocity
-    if reading.since > 0.0 and shared.low_speed_bound:
-        velocity = clamped(observer, velocity, state, coefficients, design)
-    out.position = present(state.convention, core.position, shared.period, shared.unwrap)
-    out.velocity = velocity
-    out.acceleration = core.acceleration
-    out.status = state.lock.status
-
-
 def least_variance(reading: Reading, last: float, dt: float, starting: bool) -> float:
     """Return the least variance of the noise [rad^2] where no quantum is known.
 
@@ -479,39 +369,189 @@ def least_variance(reading: Reading, last: float, dt: float, starting: bool) -> 
     return reading.smallest * reading.smallest / MEMORY
 
 
-def deviation(
-    observer: Any, out: Deviation, state: Any, coefficients: Any, design: Any, scale: float
-) -> None:
-    """Set one standard deviation of position and velocity, the latter times `scale`."""
-    reading, shared, start = state.reading, design.shared, state.start
-    dt, clock = coefficients.dt, start.clock
-    of_position, of_velocity, of_innovation = observer.noise_gains(state.core, coefficients, design)
-    variance = shared.variance
-    if variance == 0.0:
-        variance = reading.power / of_innovation
-        if variance < shared.floor:
-            variance = shared.floor
-        elif shared.floor == 0.0:
-            starting = 0.0 < clock < LASTS
-            least = least_variance(reading, state.convention.last, dt, starting)
-            variance = least if variance < least else variance
-    if clock <= 0.0:
-        surge = reading.recent / of_innovation - SURGE * variance
-        if surge > 0.0:  # the innovation shows a lag now
-            variance += surge
-    of_position *= variance
-    of_velocity *= variance * scale * scale
-    if clock > 0.0:  # its terms contain the lag, which is what the scale is for elsewhere
-        of_position += reading.recent
-        quantum = shared.quantum if shared.quantum > 0.0 else reading.smallest
-        of_start = start_deviation(start, state.core.velocity, dt, quantum, shared.lag)
-        of_velocity += of_start * of_start
-    sigma = math.sqrt(of_velocity)
-    if reading.since > 0.0 and shared.low_speed_bound:
-        sigma = clamped(observer, sigma, state, coefficients, design)
-    if state.doubt.far == 1:  # what was read lies within two deviations
-        of_doubt = 0.25 * state.doubt.off * state.doubt.off
-        of_position += of_doubt
-        sigma = math.sqrt(sigma * sigma + of_doubt / (dt * dt))
-    out.position = math.sqrt(of_position)
-    out.velocity = sigma
+def begin_motion(observer: Any, state: Any, design: Any, measurement: float) -> None:
+    """Begin at a measurement [rad]: what is known of the convention stays."""
+    floor = design.shared.floor
+    observer.begin(state.core, design, measurement)
+    reading = state.reading
+    reading.change = reading.since = reading.smallest = 0.0
+    reading.recent = reading.power = floor
+    reading.count = 1.0
+    unlock(state.lock)
+    set_start(state.start, -REST_TIME, measurement, 0.0, 0.0, 0.0, 0.0)
+    state.doubt.far, state.doubt.off = 0, 0.0
+
+
+class LinearObserver(Observer):
+    """What all observers of a single angle but `edge_adaptive` inherit.
+
+    Such an observer is a small core: a prediction, and a correction by the wrapped innovation. It
+    has the record `Core` and defines `design`, `prepare`, `correct` and `noise_gains`, and `begin`
+    and `resume_core` where its core is more than a position and a speed.
+    """
+
+    SINGLE_ANGLE = True
+    TURNS = True
+
+    @record
+    class State:
+        """The core, and what is shared around it."""
+
+        core: observer.Core  # type: ignore[name-defined]  # noqa: F821  (bound by the observer's module)
+        convention: Convention
+        reading: Reading
+        lock: Lock
+        start: Start
+        doubt: Outliers
+
+    @staticmethod
+    def begin(core: Any, design: Any, measurement: float) -> None:
+        """Begin at a measurement [rad], without a speed."""
+        core.position, core.velocity, core.acceleration = measurement, 0.0, math.nan
+
+    @staticmethod
+    def resume_core(core: Any, design: Any, measurement: float) -> None:
+        """Go on after a gap: at the measurement [rad], with the speed as it was."""
+        core.position = measurement
+
+    @staticmethod
+    def correct(core: Any, coefficients: Any, design: Any, measurement: float) -> float:
+        """Take a measurement [rad]; return the innovation [rad]."""
+        raise NotImplementedError
+
+    @staticmethod
+    def noise_gains(core: Any, coefficients: Any, design: Any) -> tuple[float, float, float]:
+        """Return variances of position, velocity [1/s^2], innovation per unit variance of noise."""
+        raise NotImplementedError
+
+    @staticmethod
+    def pace(observer: Any, core: Any, coefficients: Any, design: Any, dt: float) -> float:
+        """Return how fast the errors of a tracking loop decay [1/s].
+
+        It follows from what the loop makes of noise. A loop whose poles are all at w lets through a
+        velocity variance of 1/4 (order 2) to 7/4 (order 3) of w^3 dt per unit variance of white
+        noise.
+        """
+        of_position, of_velocity, of_innovation = observer.noise_gains(core, coefficients, design)
+        return PACE * math.pow(of_velocity / dt, THIRD)
+
+    @staticmethod
+    def start(observer: Any, state: Any, design: Any, measurement: float) -> None:
+        """Set the state after the first sample [rad]."""
+        begin_convention(state.convention, measurement)
+        begin_motion(observer, state, design, measurement)
+
+    @staticmethod
+    def restart(
+        observer: Any, state: Any, coefficients: Any, design: Any, measurement: float
+    ) -> None:
+        """Start again after an outage or a jump of the clock: the turns counted stay."""
+        follow_convention(state.convention, measurement, design.shared.period)
+        begin_motion(observer, state, design, measurement)
+
+    @staticmethod
+    def resume(
+        observer: Any, state: Any, coefficients: Any, design: Any, measurement: float
+    ) -> None:
+        """Go on after a gap [rad]: with the speed as it was, in doubt."""
+        lock = state.lock
+        if lock.status == TRACKING:
+            lock.status, lock.astray, lock.trusted = COASTING, 0.0, state.core.velocity
+        lock.clear = 0.0
+        speed, period, dt = state.core.velocity, design.shared.period, coefficients.dt
+        moved = wrap(measurement - state.convention.last, period)
+        of_position, of_velocity, of_innovation = observer.noise_gains(
+            state.core, coefficients, design
+        )
+        if of_velocity < UNBOUNDED:
+            kept = abs(speed) + abs(moved) / LEAST_GAP
+            set_start(state.start, dt, measurement, 0.0, 0.0, 0.0, kept)
+        observer.resume_core(state.core, design, measurement)
+        follow_convention(state.convention, measurement, period)
+        state.reading.change = state.reading.since = 0.0
+        state.doubt.far = 0
+
+    @staticmethod
+    def step(
+        observer: Any,
+        state: Any,
+        coefficients: Any,
+        design: Any,
+        measurement: float,
+        known_input: float,
+    ) -> None:
+        """Take one sample [rad]: correct the core, learn the noise, follow the lock."""
+        core = state.core
+        speed, dt = core.velocity, coefficients.dt
+        off = measurement - core.position - speed * dt
+        if off * off > OUTLIER_GATE * state.reading.recent and design.shared.restarts:
+            taken = believe(state, design.shared, measurement, dt)
+            if taken != measurement:
+                observer.correct(core, coefficients, design, taken)
+                if not is_inside(state.doubt.off, state.reading, design.shared):
+                    relock(observer, state, design, measurement, abs(state.doubt.off), speed, dt)
+                return
+        else:
+            state.doubt.far = 0
+        innovation = observer.correct(core, coefficients, design, measurement)
+        learn(observer, state, coefficients, design, measurement, innovation, speed)
+
+    @staticmethod
+    def estimate(
+        observer: Any,
+        out: Estimate,
+        state: Any,
+        coefficients: Any,
+        design: Any,
+        measurement: float,
+        known_input: float,
+    ) -> None:
+        """Set the estimate."""
+        core, reading, shared = state.core, state.reading, design.shared
+        velocity = core.velocity
+        if reading.since > 0.0 and shared.low_speed_bound:
+            velocity = clamped(observer, velocity, state, coefficients, design)
+        out.position = present(state.convention, core.position, shared.period, shared.unwrap)
+        out.velocity = velocity
+        out.acceleration = core.acceleration
+        out.status = state.lock.status
+
+    @staticmethod
+    def deviation(
+        observer: Any, out: Deviation, state: Any, coefficients: Any, design: Any, scale: float
+    ) -> None:
+        """Set one standard deviation of position and velocity, the latter times `scale`."""
+        reading, shared, start = state.reading, design.shared, state.start
+        dt, clock = coefficients.dt, start.clock
+        of_position, of_velocity, of_innovation = observer.noise_gains(
+            state.core, coefficients, design
+        )
+        variance = shared.variance
+        if variance == 0.0:
+            variance = reading.power / of_innovation
+            if variance < shared.floor:
+                variance = shared.floor
+            elif shared.floor == 0.0:
+                starting = 0.0 < clock < LASTS
+                least = least_variance(reading, state.convention.last, dt, starting)
+                variance = least if variance < least else variance
+        if clock <= 0.0:
+            surge = reading.recent / of_innovation - SURGE * variance
+            if surge > 0.0:  # the innovation shows a lag now
+                variance += surge
+        of_position *= variance
+        of_velocity *= variance * scale * scale
+        if clock > 0.0:  # its terms contain the lag, which is what the scale is for elsewhere
+            of_position += reading.recent
+            quantum = shared.quantum if shared.quantum > 0.0 else reading.smallest
+            of_start = start_deviation(start, state.core.velocity, dt, quantum, shared.lag)
+            of_velocity += of_start * of_start
+        sigma = math.sqrt(of_velocity)
+        if reading.since > 0.0 and shared.low_speed_bound:
+            sigma = clamped(observer, sigma, state, coefficients, design)
+        if state.doubt.far == 1:  # what was read lies within two deviations
+            of_doubt = 0.25 * state.doubt.off * state.doubt.off
+            of_position += of_doubt
+            sigma = math.sqrt(sigma * sigma + of_doubt / (dt * dt))
+        out.position = math.sqrt(of_position)
+        out.velocity = sigma

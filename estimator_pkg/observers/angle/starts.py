@@ -20,7 +20,6 @@ REST_SAMPLES = 32.0  # samples over which a rest is averaged, and the power of r
 REST_TIME = 0.12  # [s] within the noise of one angle: the shaft rests, and may start
 LASTS = 0.25  # [s] that a start lasts at least, ...
 DECAYED = 10.0  # ... and nepers by which the errors of the core must have decayed
-PACE = 0.8  # of the cube root of (velocity noise gain)/dt: the pace of a tracking loop
 TAIL_NEPERS = 1.18  # of these nepers, where the polynomial before the exponential is generous
 LEARNT = 6.0  # nepers after which innovations of a start show the noise again
 BEGUN = 0.75  # sample times by which motion may have begun after the last reading at rest
@@ -31,7 +30,6 @@ REST_SHOWN_SAMPLES = 12.0  # without a larger distance, after which a rest has s
 SLOW = 4.0  # (2)^2: times the variance of the speed's noise; a faster joint is not at rest
 FIVE = 25.0  # (5)^2: five standard deviations cover an error
 REST_MARGIN = 1.001  # times the largest distance within a rest: a reading beyond it ends the rest
-THIRD = 1.0 / 3.0
 
 
 @record
@@ -61,16 +59,6 @@ def set_start(
     """Set a start; at rest nothing has travelled, and changes are averaged anew."""
     start.clock, start.anchor, start.reach, start.decay = clock, anchor, reach, decay
     start.travelled, start.changes, start.kept = travelled, 0.0, kept
-
-
-def linear_pace(observer: Any, core: Any, coefficients: Any, design: Any, dt: float) -> float:
-    """Return how fast the errors of a tracking loop decay [1/s].
-
-    It follows from what the loop makes of noise. A loop whose poles are all at w lets through a
-    velocity variance of 1/4 (order 2) to 7/4 (order 3) of w^3 dt per unit variance of white noise.
-    """
-    of_position, of_velocity, of_innovation = observer.noise_gains(core, coefficients, design)
-    return PACE * math.pow(of_velocity / dt, THIRD)
 
 
 def rest(

@@ -3,7 +3,7 @@
 
 """Covariances of position, velocity and acceleration, unrolled, in units of the noise variance.
 
-P/R is symmetric. For (x, v) the entries of the acceleration are not used.
+P/R is symmetric. For (x, v) the entries of the acceleration are 0.
 
     P- = F P F' + Q,   S = H P- H' + 1,   K = P- H'/S,   P = P- - K H P-,   H = (1, 0[, 0])
 
@@ -47,67 +47,45 @@ def set_first(p: Covariance) -> None:
     p.p01 = p.p02 = p.p11 = p.p12 = p.p22 = 0.0
 
 
-def set_noise_2(q: Covariance, density: float, dt: float) -> None:
-    """Set Q of white acceleration of this `density` (per noise variance) over dt [s]."""
-    q.p00 = density * dt * dt * dt / 3.0
-    q.p01 = density * dt * dt / 2.0
-    q.p11 = density * dt
-    q.p02 = q.p12 = q.p22 = 0.0
-
-
-def set_noise_3(q: Covariance, density: float, dt: float) -> None:
-    """Set Q of white jerk of this `density` (per noise variance) over dt [s]."""
+def set_noise(q: Covariance, order: int, density: float, dt: float) -> None:
+    """Set Q over dt [s], per noise variance: of white acceleration (order 2) or jerk (order 3)."""
     square = dt * dt
-    q.p00 = density * square * square * dt / 20.0
-    q.p01 = density * square * square / 8.0
-    q.p02 = density * square * dt / 6.0
-    q.p11 = density * square * dt / 3.0
-    q.p12 = density * square / 2.0
-    q.p22 = density * dt
+    if order == 2:
+        q.p00, q.p01, q.p11 = density * square * dt / 3.0, density * square / 2.0, density * dt
+        q.p02 = q.p12 = q.p22 = 0.0
+    else:
+        q.p00, q.p01 = density * square * square * dt / 20.0, density * square * square / 8.0
+        q.p02 = density * square * dt / 6.0
+        q.p11, q.p12 = density * square * dt / 3.0, density * square / 2.0
+        q.p22 = density * dt
 
 
-def set_line_2(p: Covariance, dt: float) -> None:
-    """Set P after two samples that are dt [s] apart: a straight line through both."""
-    p.p00 = 1.0
-    p.p01 = 1.0 / dt
-    p.p11 = 2.0 / (dt * dt)
+def set_line(p: Covariance, dt: float, prior: float) -> None:
+    """Set P after two samples that are dt [s] apart: a straight line through both.
 
-
-def set_line_3(p: Covariance, dt: float) -> None:
-    """Set P for (x, v, a) after two samples, with the vague prior of the acceleration."""
+    Parameters
+    ----------
+    prior : PRIOR_ACCELERATION; 0: there is no acceleration.
+    """
     square = dt * dt
     p.p00 = 1.0
     p.p01 = 1.0 / dt
     p.p02 = 0.0
-    p.p11 = (2.0 + 0.25 * PRIOR_ACCELERATION) / square
-    p.p12 = 0.5 * PRIOR_ACCELERATION / (square * dt)
-    p.p22 = PRIOR_ACCELERATION / (square * square)
+    p.p11 = (2.0 + 0.25 * prior) / square
+    p.p12 = 0.5 * prior / (square * dt)
+    p.p22 = prior / (square * square)
 
 
-def update_2(p: Covariance, q: Covariance, dt: float, scale: float) -> tuple[float, float]:
-    """Predict P over dt [s] and update it; return (K1, 1/S).
+def update(
+    p: Covariance, q: Covariance, dt: float, scale: float, prior: float
+) -> tuple[float, float, float]:
+    """Predict P over dt [s] and update it; return (K1, K2, 1/S).
 
     Parameters
     ----------
-    q : process noise over dt, from `set_noise_2`. scale : factor of it.
+    q : process noise over dt, from `set_noise`. scale : factor of it. prior : as in `set_line`.
     """
-    n01 = p.p01 + dt * p.p11  # n: P- = F P F' + Q
-    n00 = p.p00 + dt * (p.p01 + n01) + scale * q.p00
-    n01 += scale * q.p01
-    n11 = p.p11 + scale * q.p11
-    of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
-    K1 = n01 * of_s
-    left = n11 - K1 * n01
-    if left < CANCELLATION * n11:
-        set_line_2(p, dt)
-        return 1.0 / dt, of_s
-    p.p00, p.p01, p.p11 = n00 * of_s, K1, left
-    return K1, of_s
-
-
-def update_3(p: Covariance, q: Covariance, dt: float, scale: float) -> tuple[float, float, float]:
-    """Predict P over dt [s] and update it, for (x, v, a); return (K1, K2, 1/S)."""
-    half = 0.5 * dt * dt
+    half = 0.5 * dt * dt  # n: P- = F P F' + Q
     r12 = p.p12 + dt * p.p22
     r02 = p.p02 + dt * p.p12 + half * p.p22
     r01 = p.p01 + dt * p.p11 + half * p.p12
@@ -119,7 +97,7 @@ def update_3(p: Covariance, q: Covariance, dt: float, scale: float) -> tuple[flo
     K1, K2 = n01 * of_s, n02 * of_s
     left = n11 - K1 * n01
     if left < CANCELLATION * n11:
-        set_line_3(p, dt)
+        set_line(p, dt, prior)
         return 1.0 / dt, 0.0, of_s
     p.p00, p.p01, p.p02, p.p11 = n00 * of_s, K1, K2, left
     p.p12 = r12 + scale * q.p12 - K1 * n02
@@ -127,8 +105,8 @@ def update_3(p: Covariance, q: Covariance, dt: float, scale: float) -> tuple[flo
     return K1, K2, of_s
 
 
-def steady_gains_2(density: float, dt: float) -> tuple[float, float]:
-    """Return (alpha, beta) to which `update_2` converges at a constant dt [s].
+def steady_gains(density: float, dt: float) -> tuple[float, float]:
+    """Return (alpha, beta) to which `update` converges for (x, v) at a constant dt [s].
 
     From the spectral factors of the second difference of the measurement, an MA(2) process with
     autocovariances 6 + 2 tau/3, -4 + tau/6, 1 where tau = density dt^3.

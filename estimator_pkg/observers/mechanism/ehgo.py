@@ -63,13 +63,12 @@ class Ehgo(HighGain):
         return h[0] / epsilon * eye, h[1] / epsilon**2 * eye, h[2] / epsilon**3 * eye
 
 
-plan = Ehgo
+class EhgoObserver(Observer):
+    """The entry point of `ehgo`."""
 
-
-OBSERVER = Observer(
-    name='ehgo',
-    summary='extended high-gain observer of any mechanism: estimates unknown forces too',
-    gains=Gains,
-    kind='mechanical',
-    reference='(25) of Aranovskiy, Ortega, Romero, Sokolov (IJC 2019)',
-)
+    name = 'ehgo'
+    summary = 'extended high-gain observer of any mechanism: estimates unknown forces too'
+    reference = '(25) of Aranovskiy, Ortega, Romero, Sokolov (IJC 2019)'
+    kind = 'mechanical'
+    gains = Gains
+    plan = Ehgo

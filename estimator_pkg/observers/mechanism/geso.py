@@ -164,13 +164,12 @@ class Geso(LinearObserver):
         return found
 
 
-plan = Geso
+class GesoObserver(Observer):
+    """The entry point of `geso`."""
 
-
-OBSERVER = Observer(
-    name='geso',
-    summary='globally exponentially stable observer of a mechanism with known model and input',
-    gains=Gains,
-    kind='mechanical',
-    reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), equation (11)',
-)
+    name = 'geso'
+    summary = 'globally exponentially stable observer of a mechanism with known model and input'
+    reference = 'Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), equation (11)'
+    kind = 'mechanical'
+    gains = Gains
+    plan = Geso

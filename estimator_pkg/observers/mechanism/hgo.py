@@ -144,13 +144,12 @@ class Hgo(HighGain):
         return L, K, K * slow if slow > 0.0 else None
 
 
-plan = Hgo
+class HgoObserver(Observer):
+    """The entry point of `hgo`."""
 
-
-OBSERVER = Observer(
-    name='hgo',
-    summary='high-gain observer of any mechanism with known model and input',
-    gains=Gains,
-    kind='mechanical',
-    reference='Lee, Mukherjee, Khalil (2015); (21) of Aranovskiy et al. (IJC 2019)',
-)
+    name = 'hgo'
+    summary = 'high-gain observer of any mechanism with known model and input'
+    reference = 'Lee, Mukherjee, Khalil (2015); (21) of Aranovskiy et al. (IJC 2019)'
+    kind = 'mechanical'
+    gains = Gains
+    plan = Hgo

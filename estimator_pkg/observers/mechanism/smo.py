@@ -282,14 +282,15 @@ class Smo(MechanismObserver):
         return {'acceleration_limit': limit.tolist(), 'chattering': (dt * limit).tolist()}
 
 
-plan = Smo
+class SmoObserver(Observer):
+    """The entry point of `smo`."""
 
-
-OBSERVER = Observer(
-    name='smo',
-    summary='sliding-mode observer of any mechanism with known model and input',
-    gains=Gains,
-    kind='mechanical',
-    reference='Davila, Fridman, Levant (2005) and Cruz-Zavala, Moreno, Fridman (2010); (22) of '
-    'Aranovskiy et al. (IJC 2019)',
-)
+    name = 'smo'
+    summary = 'sliding-mode observer of any mechanism with known model and input'
+    reference = (
+        'Davila, Fridman, Levant (2005) and Cruz-Zavala, Moreno, Fridman (2010); (22) of '
+        'Aranovskiy et al. (IJC 2019)'
+    )
+    kind = 'mechanical'
+    gains = Gains
+    plan = Smo

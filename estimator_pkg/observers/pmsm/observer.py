@@ -12,32 +12,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.errors import UsageError
+from estimator_pkg.estimate import INITIALISING, NOT_OBSERVABLE, TRACKING, Deviation, Estimate
 from estimator_pkg.models.motor import POWER_INVARIANT, MotorData, check_motor
-from estimator_pkg.observers.contract import (
-    INITIALISING,
-    NOT_OBSERVABLE,
-    TRACKING,
-    Deviation,
-    Estimate,
-    Observer,
-)
-from estimator_pkg.observers.contract import no_reason as why
+from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.tracking import natural_frequency
-from estimator_pkg.observers.pmsm.drive import (
-    DriveSample,
-    Electrical,
-    ElectricalDeviation,
-    is_reading,
-)
+from estimator_pkg.observers.pmsm import drive
+from estimator_pkg.observers.pmsm import state as records
+from estimator_pkg.observers.pmsm import step as stepping
+from estimator_pkg.observers.pmsm.drive import DriveSample, Electrical, ElectricalDeviation
 from estimator_pkg.observers.pmsm.equations import flux_linkage, rotor_angle
 from estimator_pkg.observers.pmsm.noise import DAMPING, deviations, low_pass_weight, noise_gains
 from estimator_pkg.observers.pmsm.scheme import exponential, prepare_scheme
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
-from estimator_pkg.observers.pmsm.step import coast, restart, resume, start, step
 from estimator_pkg.observers.pmsm.watch import (
     BLIND,
     HALF_TURN,
@@ -48,9 +38,6 @@ from estimator_pkg.observers.pmsm.watch import (
 )
 from estimator_pkg.parameters import parameter, structural
 
-SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, False
-# functions of the observer that are defined elsewhere; of `why` see `DriveJoint.why`
-__all__ = ['coast', 'is_reading', 'restart', 'resume', 'start', 'step', 'why']
 EPSILON = 85e-6  # s; Table 1's gains are those of (17) at this epsilon
 EPSILON_SPEED = 0.374  # epsilon times the top electrical speed in Table 1's motor
 EMF_SPEED = 75.0  # electrical rad/s: the smallest usable back-EMF is the one at this speed
@@ -181,37 +168,6 @@ class Gains(MotorData):
     )
 
 
-def design(gains: Gains, circle: Circle) -> Design:
-    """Return what the gains imply whatever the sample time is.
-
-    Raises
-    ------
-    UsageError : motor data are missing, or the gains cannot work.
-    """
-    made = Design()
-    resistance, inductance, nominal, made.pole_pairs = check_motor(gains, 'pmsm')
-    made.resistance, made.inductance = resistance, inductance
-    _tune(made, gains, nominal)
-    made.robust, made.periods = gains.form == 'robust', gains.periods
-    made.resets, made.identifies = gains.variant != 'continuous', gains.variant == 'identifier'
-    made.clock_rate, made.threshold = gains.clock_rate, 4.0 * math.sqrt(made.gamma)
-    made.flux_low, made.flux_high = nominal / FLUX_FACTOR, nominal * FLUX_FACTOR
-    made.xi_low, made.xi_high = 1.0 / made.flux_high, 1.0 / made.flux_low
-    flux = nominal if gains.initial_flux is None else gains.initial_flux
-    made.xi_start = 1.0 / flux if flux > 0.0 else 0.0
-    made.emf_min = nominal * EMF_SPEED if gains.emf_min is None else gains.emf_min
-    made.drop = 2.0 * RESISTANCE_ERROR * resistance
-    made.speed_max = gains.speed_max or 0.0
-    made.natural = natural_frequency(gains.speed_filter_hz, DAMPING)
-    made.noise_power = (gains.current_noise or 0.0) ** 2
-    made.noise_guess = (NOISE_GUESS * nominal / inductance) ** 2
-    made.period = 0.0 if circle.unwrap else float(circle.period)
-    made.dead = -10.0 * made.epsilon
-    made.scale = 1.0 / POWER_INVARIANT if gains.scaling == 'power' else 1.0
-    _set_voltage(made, gains)
-    return made
-
-
 def _tune(made: Design, gains: Gains, flux: float) -> None:
     """Set epsilon, kp, ki by (17), k_eta and gamma; raise UsageError if they cannot work."""
     rate = made.resistance / made.inductance
@@ -246,25 +202,6 @@ def _set_voltage(made: Design, gains: Gains) -> None:
     made.corrects = made.kept > 0 or made.dead_time > 0.0
 
 
-def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
-    """Set what follows from dt [s]."""
-    scheme, natural = coefficients.scheme, design.natural
-    prepare_scheme(scheme, design.resistance, design.inductance, design.k_p, design.k_i, dt)
-    of_h, of_innovation, of_integral = noise_gains(design, scheme, 0.0)
-    fast = max(EMF_AVERAGE, 5.0 * design.epsilon)
-    coefficients.window = max(SPEED_AVERAGE, 5.0 * fast)
-    coefficients.dt, coefficients.pace = dt, design.clock_rate * dt
-    coefficients.fast = low_pass_weight(1.0 / fast, dt)
-    coefficients.slow = low_pass_weight(1.0 / coefficients.window, dt)
-    coefficients.memory = low_pass_weight(1.0 / NOISE_MEMORY, dt)
-    coefficients.known_power = design.noise_power * of_innovation
-    coefficients.emf_of_noise = LEAST_EMF * math.sqrt(of_h / of_innovation)
-    coefficients.fastest = HALF_TURN * math.pi / dt
-    coefficients.f11, coefficients.f12, coefficients.f21, coefficients.f22 = exponential(
-        0.0, 1.0, -natural * natural, -2.0 * DAMPING * natural, dt
-    )
-
-
 def status_of(state: State, design: Design) -> int:
     """Return the status."""
     if state.watch.reasons & BLIND != 0:
@@ -274,100 +211,160 @@ def status_of(state: State, design: Design) -> int:
     return TRACKING
 
 
-def estimate(
-    observer: Any,
-    out: Estimate,
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    measurement: DriveSample,
-    known_input: float,
-) -> None:
-    """Set the mechanical estimate."""
-    out.status = status_of(state, design)
-    out.position = out.velocity = out.acceleration = math.nan
-    if out.status != NOT_OBSERVABLE:
-        travel = state.out.travel
-        travel += wrap(rotor_angle(state.core) - travel, TURN)
-        out.position = wrap(travel / design.pole_pairs, design.period)
-        out.velocity = state.out.speed / design.pole_pairs
+class Pmsm(Observer):
+    """The observer of a motor."""
 
+    name = 'pmsm'
+    summary = 'sensorless speed, angle and flux of a permanent-magnet motor'
+    reference = 'Bosso, Azzollini, Tilli (2020), (5), (16), (25), (26)'
+    kind = 'drive'
+    gains = Gains
+    Design: TypeAlias = records.Design
+    Coefficients: TypeAlias = records.Coefficients
+    State: TypeAlias = records.State
+    start = staticmethod(stepping.start)
+    step = staticmethod(stepping.step)
+    resume = staticmethod(stepping.resume)
+    restart = staticmethod(stepping.restart)
+    coast = staticmethod(stepping.coast)
+    is_reading = staticmethod(drive.is_reading)
 
-def electrical(out: Electrical, state: State, design: Design) -> None:
-    """Set the electrical estimate."""
-    out.status, out.reasons = status_of(state, design), state.watch.reasons
-    out.flux = flux_linkage(state.core.x, design.flux_low, design.flux_high)
-    out.valid = 1.0 if out.status == TRACKING else 0.0
-    out.angle = out.speed = math.nan
-    if out.status != NOT_OBSERVABLE:
-        out.angle, out.speed = rotor_angle(state.core), state.out.speed
+    @staticmethod
+    def design(gains: Gains, circle: Circle) -> Design:
+        """Return what the gains imply whatever the sample time is.
 
+        Raises
+        ------
+        UsageError : motor data are missing, or the gains cannot work.
+        """
+        made = Design()
+        resistance, inductance, nominal, made.pole_pairs = check_motor(gains, 'pmsm')
+        made.resistance, made.inductance = resistance, inductance
+        _tune(made, gains, nominal)
+        made.robust, made.periods = gains.form == 'robust', gains.periods
+        made.resets, made.identifies = gains.variant != 'continuous', gains.variant == 'identifier'
+        made.clock_rate, made.threshold = gains.clock_rate, 4.0 * math.sqrt(made.gamma)
+        made.flux_low, made.flux_high = nominal / FLUX_FACTOR, nominal * FLUX_FACTOR
+        made.xi_low, made.xi_high = 1.0 / made.flux_high, 1.0 / made.flux_low
+        flux = nominal if gains.initial_flux is None else gains.initial_flux
+        made.xi_start = 1.0 / flux if flux > 0.0 else 0.0
+        made.emf_min = nominal * EMF_SPEED if gains.emf_min is None else gains.emf_min
+        made.drop = 2.0 * RESISTANCE_ERROR * resistance
+        made.speed_max = gains.speed_max or 0.0
+        made.natural = natural_frequency(gains.speed_filter_hz, DAMPING)
+        made.noise_power = (gains.current_noise or 0.0) ** 2
+        made.noise_guess = (NOISE_GUESS * nominal / inductance) ** 2
+        made.period = 0.0 if circle.unwrap else float(circle.period)
+        made.dead = -10.0 * made.epsilon
+        made.scale = 1.0 / POWER_INVARIANT if gains.scaling == 'power' else 1.0
+        _set_voltage(made, gains)
+        return made
 
-def electrical_deviation(
-    out: ElectricalDeviation, state: State, coefficients: Coefficients, design: Design
-) -> None:
-    """Set one standard deviation of angle, speed and flux."""
-    level, x = state.watch.level, state.core.x
-    out.angle, out.speed, of_xi = deviations(
-        design, coefficients.scheme, state.watch.power, level, x
-    )
-    if state.watch.reasons & BLIND != 0:
-        # angle unknown: uniform over a turn; speed uniform within its bound
-        bound = speed_bound(state, coefficients, design)
-        out.angle = math.pi / math.sqrt(3.0)
-        out.speed = bound * design.pole_pairs / math.sqrt(3.0)
-    flux = flux_linkage(x, design.flux_low, design.flux_high)
-    out.flux = of_xi * flux * flux
+    @staticmethod
+    def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+        """Set what follows from dt [s]."""
+        scheme, natural = coefficients.scheme, design.natural
+        prepare_scheme(scheme, design.resistance, design.inductance, design.k_p, design.k_i, dt)
+        of_h, of_innovation, of_integral = noise_gains(design, scheme, 0.0)
+        fast = max(EMF_AVERAGE, 5.0 * design.epsilon)
+        coefficients.window = max(SPEED_AVERAGE, 5.0 * fast)
+        coefficients.dt, coefficients.pace = dt, design.clock_rate * dt
+        coefficients.fast = low_pass_weight(1.0 / fast, dt)
+        coefficients.slow = low_pass_weight(1.0 / coefficients.window, dt)
+        coefficients.memory = low_pass_weight(1.0 / NOISE_MEMORY, dt)
+        coefficients.known_power = design.noise_power * of_innovation
+        coefficients.emf_of_noise = LEAST_EMF * math.sqrt(of_h / of_innovation)
+        coefficients.fastest = HALF_TURN * math.pi / dt
+        coefficients.f11, coefficients.f12, coefficients.f21, coefficients.f22 = exponential(
+            0.0, 1.0, -natural * natural, -2.0 * DAMPING * natural, dt
+        )
 
+    @staticmethod
+    def estimate(
+        observer: Any,
+        out: Estimate,
+        state: State,
+        coefficients: Coefficients,
+        design: Design,
+        measurement: DriveSample,
+        known_input: float,
+    ) -> None:
+        """Set the mechanical estimate."""
+        out.status = status_of(state, design)
+        out.position = out.velocity = out.acceleration = math.nan
+        if out.status != NOT_OBSERVABLE:
+            travel = state.out.travel
+            travel += wrap(rotor_angle(state.core) - travel, TURN)
+            out.position = wrap(travel / design.pole_pairs, design.period)
+            out.velocity = state.out.speed / design.pole_pairs
 
-def deviation(
-    observer: Any,
-    out: Deviation,
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    scale: float,
-) -> None:
-    """Set one standard deviation of mechanical position and speed, the latter times `scale`."""
-    of_electrical = ElectricalDeviation()
-    electrical_deviation(of_electrical, state, coefficients, design)
-    out.position = of_electrical.angle / design.pole_pairs
-    out.velocity = scale * (of_electrical.speed / design.pole_pairs)
+    @staticmethod
+    def deviation(
+        observer: Any,
+        out: Deviation,
+        state: State,
+        coefficients: Coefficients,
+        design: Design,
+        scale: float,
+    ) -> None:
+        """Set one standard deviation of mechanical position and speed, the latter times `scale`."""
+        of_electrical = ElectricalDeviation()
+        observer.electrical_deviation(of_electrical, state, coefficients, design)
+        out.position = of_electrical.angle / design.pole_pairs
+        out.velocity = scale * (of_electrical.speed / design.pole_pairs)
 
+    @staticmethod
+    def electrical(out: Electrical, state: State, design: Design) -> None:
+        """Set the electrical estimate."""
+        out.status, out.reasons = status_of(state, design), state.watch.reasons
+        out.flux = flux_linkage(state.core.x, design.flux_low, design.flux_high)
+        out.valid = 1.0 if out.status == TRACKING else 0.0
+        out.angle = out.speed = math.nan
+        if out.status != NOT_OBSERVABLE:
+            out.angle, out.speed = rotor_angle(state.core), state.out.speed
 
-def speed_bound(state: State, coefficients: Coefficients, design: Design) -> float:
-    """Return the upper bound of the mechanical speed [rad/s] while not observable; inf: none."""
-    core, watch = state.core, state.watch
-    if watch.reasons & BLIND != LOW_EMF:
-        return math.inf
-    least = least_emf(watch.power, core.i_alpha, core.i_beta, coefficients, design)
-    flux = flux_linkage(core.x, design.flux_low, design.flux_high)
-    return max(LEAVES * least, watch.level) / (flux * design.pole_pairs)
+    @staticmethod
+    def electrical_deviation(
+        out: ElectricalDeviation, state: State, coefficients: Coefficients, design: Design
+    ) -> None:
+        """Set one standard deviation of angle, speed and flux."""
+        level, x = state.watch.level, state.core.x
+        out.angle, out.speed, of_xi = deviations(
+            design, coefficients.scheme, state.watch.power, level, x
+        )
+        if state.watch.reasons & BLIND != 0:
+            # angle unknown: uniform over a turn; speed uniform within its bound
+            bound = Pmsm.speed_bound(state, coefficients, design)
+            out.angle = math.pi / math.sqrt(3.0)
+            out.speed = bound * design.pole_pairs / math.sqrt(3.0)
+        flux = flux_linkage(x, design.flux_low, design.flux_high)
+        out.flux = of_xi * flux * flux
 
+    @staticmethod
+    def speed_bound(state: State, coefficients: Coefficients, design: Design) -> float:
+        """Return the largest mechanical speed [rad/s] while not observable; inf: not known."""
+        core, watch = state.core, state.watch
+        if watch.reasons & BLIND != LOW_EMF:
+            return math.inf
+        least = least_emf(watch.power, core.i_alpha, core.i_beta, coefficients, design)
+        flux = flux_linkage(core.x, design.flux_low, design.flux_high)
+        return max(LEAVES * least, watch.level) / (flux * design.pole_pairs)
 
-def limits(design: Design, dt: float) -> str | None:
-    """Return why the sample time is too long for the top speed; None: it is not."""
-    top = design.speed_max * design.pole_pairs
-    if top * dt <= math.pi:
-        return None
-    return (
-        f'at {1.0 / dt:.0f} Hz the rotor turns more than half an electrical turn per '
-        f'sample at speed_max = {design.speed_max:g} rad/s: sample at {top / math.pi:.0f} Hz '
-        'at least'
-    )
+    @staticmethod
+    def limits(design: Design, dt: float) -> str | None:
+        """Return why the sample time is too long for the top speed; None: it is not."""
+        top = design.speed_max * design.pole_pairs
+        if top * dt <= math.pi:
+            return None
+        return (
+            f'at {1.0 / dt:.0f} Hz the rotor turns more than half an electrical turn per '
+            f'sample at speed_max = {design.speed_max:g} rad/s: sample at {top / math.pi:.0f} Hz '
+            'at least'
+        )
 
-
-def group_delay(design: Design, dt: float) -> float:
-    """Return the delay of the speed at low frequency [s]."""
-    if design.natural <= 0.0:
-        return 0.0  # the flux estimate compensates the lag of the back-EMF (epsilon)
-    return 2.0 * DAMPING / design.natural
-
-
-OBSERVER = Observer(
-    name='pmsm',
-    summary='sensorless speed, angle and flux of a permanent-magnet motor',
-    gains=Gains,
-    reference='Bosso, Azzollini, Tilli (2020), (5), (16), (25), (26)',
-    kind='drive',
-)
+    @staticmethod
+    def group_delay(design: Design, dt: float) -> float:
+        """Return the delay of the speed at low frequency [s]."""
+        if design.natural <= 0.0:
+            return 0.0  # the flux estimate compensates the lag of the back-EMF (epsilon)
+        return 2.0 * DAMPING / design.natural

@@ -25,19 +25,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from types import ModuleType
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from estimator_pkg.circle import Circle, is_angle, wrap
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.switched import OUR_MODELS, check, load
+from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
+from estimator_pkg.models.switched import OUR_MODELS, SwitchedModel, check, load
 from estimator_pkg.observers.angle.shared import variance_floor
-from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Observer
-from estimator_pkg.observers.contract import no_limit as limits
+from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.least_squares import kept
-from estimator_pkg.observers.switched.events import discrete, jump
+from estimator_pkg.observers.switched import events
+from estimator_pkg.observers.switched import state as records
 from estimator_pkg.observers.switched.regression import (
     FILTER_RATE,
     FORGOTTEN,
@@ -69,8 +69,6 @@ from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter, resume_scatter
 
-__all__ = ['jump', 'limits']  # functions of the observer that are defined elsewhere
-SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
 LAMBDA, ALPHA = 1.5, 1.1  # lambda = 1.5 sqrt(L), alpha = 1.1 L
 LOCKED = 0.3  # longest settling time of the stages after a start [s]
 LARGEST_JUMP = 0.125  # of a turn: a larger one is no motion, the encoder was stuck or reset
@@ -166,69 +164,11 @@ class Gains:
     )
 
 
-def design(gains: Gains, circle: Circle) -> Design:
-    """Return what follows from gains and model; `circle` applies to every output.
-
-    Raises
-    ------
-    UsageError : the model is invalid, its rank condition is never met with these `steps`, or the
-        memory is too short.
-    """
-    model, made = OBSERVER.module_of(gains).model, Design()
-    if 0.0 < gains.memory < 1.0 / FILTER_RATE:
-        raise UsageError(
-            f"parameter 'memory' = {gains.memory:g} s is shorter than the filter's time constant: "
-            f'set 0, or at least {1.0 / FILTER_RATE:.3g} s'
-        )
-    made.orders = [
-        np.array(own, int) for own in model.orders or [(0,) * (model.size + 1)] * len(model.indices)
-    ]
-    if any(order > 1 or order >= k for own, k in zip(made.orders, model.indices) for order in own):
-        raise UsageError(
-            f"model '{gains.model}': 'orders' = {model.orders} has an entry that is too large: "
-            'each must be 0, or 1 where the chain is longer than 1'
-        )
-    made.filtered, made.regression = gains.velocity == 'filtered', gains.discrete == 'regression'
-    made.resets_ends = gains.reset == 'all'
-    made.stages = [[stage(bound) for bound in own] for own in model.bounds]
-    made.bounds = [own[0] for own in model.bounds]
-    made.poles = [pole(k, gains.bandwidth_hz) for k in model.indices]
-    made.faded = FADED / min(made.poles)
-    made.gate, made.steps, made.singular_value = gains.gate, gains.steps, gains.singular_value
-    made.settle, made.locked = gains.settle, min(gains.settle, LOCKED)
-    made.memory, made.vague = gains.memory, np.full(model.size, UNKNOWN_VARIANCE)
-    made.period, made.unwrap = float(circle.period), bool(circle.unwrap)
-    made.floor = variance_floor(gains.quantum)
-    made.noise = gains.noise * gains.noise + made.floor if gains.noise is not None else 0.0
-    return made
-
-
 def stage(bound: float) -> Stage:
     """Return a stage for a derivative within `bound`."""
     made = Stage()
     made.gain, made.alpha = LAMBDA * math.sqrt(bound), ALPHA * bound
     return made
-
-
-def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
-    """Set what follows from dt [s]."""
-    coefficients.dt, coefficients.keep = dt, kept(dt, design.memory)
-    lengths = [len(each) for each in design.stages]
-    coefficients.filters = [regression_filter(k, dt) for k in lengths]
-    coefficients.corrections = [correction(k, pole, dt) for k, pole in zip(lengths, design.poles)]
-
-
-def is_reading(measurement: OutputReadings) -> bool:
-    """Return False if an output is no angle."""
-    return all(map(is_angle, measurement))
-
-
-def start(observer: Any, state: State, design: Design, measurement: OutputReadings) -> None:
-    """Set every field, after the first sample."""
-    begin_motion(observer, state, design, measurement)
-    state.conventions = [Convention() for _ in measurement]
-    for convention, reading in zip(state.conventions, measurement):
-        begin_convention(convention, float(reading))
 
 
 def begin_motion(observer: Any, state: State, design: Design, measurement: OutputReadings) -> None:
@@ -255,90 +195,10 @@ def begin_motion(observer: Any, state: State, design: Design, measurement: Outpu
         begin_scatter(scatter, reading)
 
 
-def step(
-    observer: Any,
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    measurement: OutputReadings,
-    known_input: Sequence[float],
-) -> None:
-    """Take one sample: the stages, the extended observers, then least squares."""
-    model, h, period = observer.model, coefficients.dt, design.period
-    read, u = tuple(map(float, measurement)), tuple(map(float, known_input))
-    jumps = [wrap(x - known.last, period) for x, known in zip(read, state.conventions)]
-    if period > 0.0 and state.total > design.faded and is_torn(state, jumps, h, period):
-        # the readings before may have been wrong, and the Z that was learnt from them
-        restart(observer, state, coefficients, design, measurement)
-        return
-    for i, change in enumerate(jumps):
-        climb(state, design, i, change, h)
-    y = tuple(before + change for before, change in zip(state.y, jumps))
-    if design.filtered:
-        z, _, converged = discrete(state, design)
-        observe(model, state, coefficients, y, u, np.array(z) if converged else state.used)
-    state.u[:] = u
-    state.dt = h
-    state.age += h
-    state.total += h
-    state.forgetting = max(0.0, state.forgetting - h)
-    for reading, convention, scatter in zip(read, state.conventions, state.scatters):
-        follow_convention(convention, reading, period)
-        follow_scatter(scatter, reading, h, period)
-    if design.regression:
-        learn(model, state, coefficients, design, y, jumps, u)
-    else:
-        state.y[:] = y
-    if not is_sound(state):
-        start(observer, state, design, measurement)  # the state has diverged: start again
-
-
 def is_torn(state: State, jumps: list[float], h: float, period: float) -> bool:
     """Return True if an output changed by more than its speed explains."""
     speeds = (float(each[1]) if len(each) > 2 else 0.0 for each in state.observed)
     return any(abs(a - v * h) > LARGEST_JUMP * period for a, v in zip(jumps, speeds))
-
-
-def estimate(
-    observer: Any,
-    out: OutputEstimates,
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    measurement: OutputReadings,
-    known_input: Sequence[float],
-) -> None:
-    """Set the estimate of all outputs at the last measurement."""
-    z, _, converged = discrete(state, design)
-    found = motions(observer.model, state, design, z, converged)
-    out.position = [
-        present(convention, position, design.period, design.unwrap)
-        for convention, (position, _, _) in zip(state.conventions, found)
-    ]
-    out.velocity = [velocity for _, velocity, _ in found]
-    out.acceleration = [acceleration for _, _, acceleration in found]
-    if design.filtered:
-        locked = state.total > design.faded
-    else:
-        locked = state.total > design.locked and gates_open(state, design)
-    out.status = INITIALISING if not locked else TRACKING if state.age > 0.0 else COASTING
-
-
-def deviation(
-    observer: Any,
-    out: OutputDeviations,
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    scale: float,
-) -> None:
-    """Set the standard deviations of all outputs."""
-    found = []
-    for i, scatter in enumerate(state.scatters):
-        sigma = math.sqrt(noise_variance(design, scatter))
-        found.append(standard_deviations(state, design, i, sigma))
-    out.position = [position for position, _ in found]
-    out.velocity = [scale * velocity for _, velocity in found]
 
 
 def noise_variance(design: Design, scatter: Scatter) -> float:
@@ -346,93 +206,249 @@ def noise_variance(design: Design, scatter: Scatter) -> float:
     return design.noise or max(scatter.variance, design.floor)
 
 
-def resume(
-    observer: Any,
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    measurement: OutputReadings,
-) -> None:
-    """Continue after a gap: positions from the measurement; keep speeds and Z."""
-    old, shown = State(), discrete(state, design)[0]
-    old.take(state)
-    begin_motion(observer, state, design, measurement)
-    for i, reading in enumerate(map(float, measurement)):
-        y = old.y[i] + wrap(reading - state.conventions[i].last, design.period)
-        state.y[i] = state.y_at[i] = state.zh[i][0] = state.observed[i][0] = y
-        state.zh[i][1:], state.observed[i][1:] = old.zh[i][1:], old.observed[i][1:]
-        state.signals[i].rows[0] = resting(len(old.zh[i]), y)
-        follow_convention(state.conventions[i], reading, design.period)
-        state.scatters[i].take(old.scatters[i])
-        resume_scatter(state.scatters[i], reading)
-    state.zt, state.u, state.used, state.noises = old.zt, old.u, old.used, old.noises
-    state.dt, state.p = old.dt, old.p
-    state.z = state.predicted = np.array(shown)
-
-
-def restart(
-    observer: Any,
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    measurement: OutputReadings,
-) -> None:
-    """Start again; the turns that were counted stay."""
-    begin_motion(observer, state, design, measurement)
-    for convention, reading in zip(state.conventions, measurement):
-        follow_convention(convention, float(reading), design.period)
-
-
-def why(state: State, design: Design) -> str:
-    """Return that the model does not fit if noise does not explain the residual of the regression.
-
-    The interval of the velocity covers that, but Z is not the plant's.
-    """
-    if not (design.regression and discrete(state, design)[2]):
-        return ''
-    noise = max(noise_variance(design, scatter) for scatter in state.scatters)
-    if state.power <= MISFIT * noise:
-        return ''
-    return (
-        'the model does not fit: its residual is '
-        f'{math.sqrt(state.power / noise):.2g} times what noise explains'
-    )
-
-
-def group_delay(design: Design, dt: float) -> float:
-    """Return the delay of the velocity at low frequency [s]: none."""
-    return 0.0
-
-
 @lru_cache(maxsize=16)  # because a check takes half a second
-def bound(module: ModuleType, name: str, steps: int) -> ModuleType:
-    """Return the observer's module with the model of this name in it, checked, as `model`."""
-    model = load(name)
-    check(model, steps)
-    made = ModuleType(f'{module.__name__} model={name}')
-    vars(made).update({**vars(module), 'model': model, '__name__': made.__name__})
-    return made
+def checked(name: str, steps: int) -> type[Switched]:
+    """Return the observer with the model of this name, checked."""
+    found = load(name)
+    check(found, steps)
+    return type('Switched', (Switched,), {'model': found})
 
 
-class SwitchedObserver(Observer):
-    """An `Observer` whose functions need a model."""
+class Switched(Observer):
+    """The observer of a switched system; `bound` adds its model, as `model`."""
 
-    def module_of(self, gains: Any) -> Any:
-        """Return the module with the model of these gains in it, as `model`.
+    name = 'switched'
+    summary = 'hybrid observer of systems that switch at known events'
+    reference = (
+        'Barbot, Djemai, Manamanni (2007): State observer and observability conditions for a '
+        'class of hybrid continuous-discrete dynamic system'
+    )
+    kind = 'switched'
+    gains = Gains
+    Design: TypeAlias = records.Design
+    Coefficients: TypeAlias = records.Coefficients
+    State: TypeAlias = records.State
+    model: SwitchedModel
+    discrete = staticmethod(events.discrete)
+    jump = staticmethod(events.jump)
+
+    @staticmethod
+    def design(gains: Gains, circle: Circle) -> Design:
+        """Return what follows from gains and model; `circle` applies to every output.
+
+        Raises
+        ------
+        UsageError : the model is invalid, its rank condition is never met with these `steps`, or
+            the memory is too short.
+        """
+        model, made = Switched.bound(gains).model, Design()
+        if 0.0 < gains.memory < 1.0 / FILTER_RATE:
+            raise UsageError(
+                f"parameter 'memory' = {gains.memory:g} s is shorter than the filter's time "
+                f'constant: set 0, or at least {1.0 / FILTER_RATE:.3g} s'
+            )
+        made.orders = [
+            np.array(own, int)
+            for own in model.orders or [(0,) * (model.size + 1)] * len(model.indices)
+        ]
+        if any(
+            order > 1 or order >= k for own, k in zip(made.orders, model.indices) for order in own
+        ):
+            raise UsageError(
+                f"model '{gains.model}': 'orders' = {model.orders} has an entry that is too large: "
+                'each must be 0, or 1 where the chain is longer than 1'
+            )
+        made.filtered, made.regression = (
+            gains.velocity == 'filtered',
+            gains.discrete == 'regression',
+        )
+        made.resets_ends = gains.reset == 'all'
+        made.stages = [[stage(bound) for bound in own] for own in model.bounds]
+        made.bounds = [own[0] for own in model.bounds]
+        made.poles = [pole(k, gains.bandwidth_hz) for k in model.indices]
+        made.faded = FADED / min(made.poles)
+        made.gate, made.steps, made.singular_value = gains.gate, gains.steps, gains.singular_value
+        made.settle, made.locked = gains.settle, min(gains.settle, LOCKED)
+        made.memory, made.vague = gains.memory, np.full(model.size, UNKNOWN_VARIANCE)
+        made.period, made.unwrap = float(circle.period), bool(circle.unwrap)
+        made.floor = variance_floor(gains.quantum)
+        made.noise = gains.noise * gains.noise + made.floor if gains.noise is not None else 0.0
+        return made
+
+    @staticmethod
+    def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+        """Set what follows from dt [s]."""
+        coefficients.dt, coefficients.keep = dt, kept(dt, design.memory)
+        lengths = [len(each) for each in design.stages]
+        coefficients.filters = [regression_filter(k, dt) for k in lengths]
+        coefficients.corrections = [
+            correction(k, pole, dt) for k, pole in zip(lengths, design.poles)
+        ]
+
+    @staticmethod
+    def is_reading(measurement: OutputReadings) -> bool:
+        """Return False if an output is no angle."""
+        return all(map(is_angle, measurement))
+
+    @staticmethod
+    def start(observer: Any, state: State, design: Design, measurement: OutputReadings) -> None:
+        """Set every field, after the first sample."""
+        begin_motion(observer, state, design, measurement)
+        state.conventions = [Convention() for _ in measurement]
+        for convention, reading in zip(state.conventions, measurement):
+            begin_convention(convention, float(reading))
+
+    @staticmethod
+    def step(
+        observer: Any,
+        state: State,
+        coefficients: Coefficients,
+        design: Design,
+        measurement: OutputReadings,
+        known_input: Sequence[float],
+    ) -> None:
+        """Take one sample: the stages, the extended observers, then least squares."""
+        model, h, period = observer.model, coefficients.dt, design.period
+        read, u = tuple(map(float, measurement)), tuple(map(float, known_input))
+        jumps = [wrap(x - known.last, period) for x, known in zip(read, state.conventions)]
+        if period > 0.0 and state.total > design.faded and is_torn(state, jumps, h, period):
+            # the readings before may have been wrong, and the Z that was learnt from them
+            observer.restart(observer, state, coefficients, design, measurement)
+            return
+        for i, change in enumerate(jumps):
+            climb(state, design, i, change, h)
+        y = tuple(before + change for before, change in zip(state.y, jumps))
+        if design.filtered:
+            z, _, converged = events.discrete(state, design)
+            observe(model, state, coefficients, y, u, np.array(z) if converged else state.used)
+        state.u[:] = u
+        state.dt = h
+        state.age += h
+        state.total += h
+        state.forgetting = max(0.0, state.forgetting - h)
+        for reading, convention, scatter in zip(read, state.conventions, state.scatters):
+            follow_convention(convention, reading, period)
+            follow_scatter(scatter, reading, h, period)
+        if design.regression:
+            learn(model, state, coefficients, design, y, jumps, u)
+        else:
+            state.y[:] = y
+        if not is_sound(state):
+            observer.start(
+                observer, state, design, measurement
+            )  # the state has diverged: start again
+
+    @staticmethod
+    def estimate(
+        observer: Any,
+        out: OutputEstimates,
+        state: State,
+        coefficients: Coefficients,
+        design: Design,
+        measurement: OutputReadings,
+        known_input: Sequence[float],
+    ) -> None:
+        """Set the estimate of all outputs at the last measurement."""
+        z, _, converged = events.discrete(state, design)
+        found = motions(observer.model, state, design, z, converged)
+        out.position = [
+            present(convention, position, design.period, design.unwrap)
+            for convention, (position, _, _) in zip(state.conventions, found)
+        ]
+        out.velocity = [velocity for _, velocity, _ in found]
+        out.acceleration = [acceleration for _, _, acceleration in found]
+        if design.filtered:
+            locked = state.total > design.faded
+        else:
+            locked = state.total > design.locked and gates_open(state, design)
+        out.status = INITIALISING if not locked else TRACKING if state.age > 0.0 else COASTING
+
+    @staticmethod
+    def deviation(
+        observer: Any,
+        out: OutputDeviations,
+        state: State,
+        coefficients: Coefficients,
+        design: Design,
+        scale: float,
+    ) -> None:
+        """Set the standard deviations of all outputs."""
+        found = []
+        for i, scatter in enumerate(state.scatters):
+            sigma = math.sqrt(noise_variance(design, scatter))
+            found.append(standard_deviations(state, design, i, sigma))
+        out.position = [position for position, _ in found]
+        out.velocity = [scale * velocity for _, velocity in found]
+
+    @staticmethod
+    def resume(
+        observer: Any,
+        state: State,
+        coefficients: Coefficients,
+        design: Design,
+        measurement: OutputReadings,
+    ) -> None:
+        """Continue after a gap: positions from the measurement; keep speeds and Z."""
+        old, shown = State(), events.discrete(state, design)[0]
+        old.take(state)
+        begin_motion(observer, state, design, measurement)
+        for i, reading in enumerate(map(float, measurement)):
+            y = old.y[i] + wrap(reading - state.conventions[i].last, design.period)
+            state.y[i] = state.y_at[i] = state.zh[i][0] = state.observed[i][0] = y
+            state.zh[i][1:], state.observed[i][1:] = old.zh[i][1:], old.observed[i][1:]
+            state.signals[i].rows[0] = resting(len(old.zh[i]), y)
+            follow_convention(state.conventions[i], reading, design.period)
+            state.scatters[i].take(old.scatters[i])
+            resume_scatter(state.scatters[i], reading)
+        state.zt, state.u, state.used, state.noises = old.zt, old.u, old.used, old.noises
+        state.dt, state.p = old.dt, old.p
+        state.z = state.predicted = np.array(shown)
+
+    @staticmethod
+    def restart(
+        observer: Any,
+        state: State,
+        coefficients: Coefficients,
+        design: Design,
+        measurement: OutputReadings,
+    ) -> None:
+        """Start again; the turns that were counted stay."""
+        begin_motion(observer, state, design, measurement)
+        for convention, reading in zip(state.conventions, measurement):
+            follow_convention(convention, float(reading), design.period)
+
+    @staticmethod
+    def why(state: State, design: Design) -> str:
+        """Return that the model does not fit if noise does not explain the residual.
+
+        The interval of the velocity covers that, but Z is not the plant's.
+        """
+        if not (design.regression and events.discrete(state, design)[2]):
+            return ''
+        noise = max(noise_variance(design, scatter) for scatter in state.scatters)
+        if state.power <= MISFIT * noise:
+            return ''
+        return (
+            'the model does not fit: its residual is '
+            f'{math.sqrt(state.power / noise):.2g} times what noise explains'
+        )
+
+    @staticmethod
+    def group_delay(design: Design, dt: float) -> float:
+        """Return the delay of the velocity at low frequency [s]: none."""
+        return 0.0
+
+    @staticmethod
+    def gives_acceleration(gains: Gains) -> bool:
+        """Return True: it has one for each output."""
+        return True
+
+    @classmethod
+    def bound(cls, gains: Gains) -> type[Switched]:
+        """Return the observer with the model of these gains, as `model`.
 
         Raises
         ------
         UsageError : the model is invalid.
         """
-        return bound(self.module, gains.model, gains.steps)
-
-
-OBSERVER = SwitchedObserver(
-    name='switched',
-    summary='hybrid observer of systems that switch at known events',
-    gains=Gains,
-    reference='Barbot, Djemai, Manamanni (2007): State observer and observability conditions for a '
-    'class of hybrid continuous-discrete dynamic system',
-    kind='switched',
-    gives_acceleration=lambda gains: True,
-)
+        return checked(gains.model, gains.steps)

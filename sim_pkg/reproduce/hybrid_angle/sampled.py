@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.circle import Circle, wrap
-from estimator_pkg.observers.angle.hybrid import observer
-from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core
+from estimator_pkg.observers.angle.hybrid.design import Coefficients, Core
+from estimator_pkg.observers.angle.hybrid.observer import Gains, HybridAngle
 from estimator_pkg.parameters import build
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce.contract import Values
@@ -43,13 +43,13 @@ def algorithm_1(injection: str, angles: Array, **gains: float) -> Array:
     gains : those that differ from Figure 6: epsilon [s], M, delta_pi [rad].
     """
     values = {'form': 'paper', 'injection': injection, **FIGURE_6, **gains}
-    design = observer.design(build(observer.Gains, values), Circle())
+    design = HybridAngle.design(build(Gains, values), Circle())
     core, coefficients = Core(), Coefficients()
-    observer.prepare(coefficients, design, PERIOD)
-    observer.begin(core, design, 0.0)
+    HybridAngle.prepare(coefficients, design, PERIOD)
+    HybridAngle.begin(core, design, 0.0)
     velocities = []
     for angle in angles.tolist():
-        observer.correct(core, coefficients, design, angle)
+        HybridAngle.correct(core, coefficients, design, angle)
         velocities.append(core.velocity)
     return np.array(velocities)
 

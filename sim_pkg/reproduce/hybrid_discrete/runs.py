@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.circle import Circle
 from estimator_pkg.models.switched import load, trajectory
-from estimator_pkg.observers.switched.observer import OBSERVER, Gains
+from estimator_pkg.observers.switched.observer import Gains, Switched
 from estimator_pkg.observers.switched.stages import chains
 from estimator_pkg.observers.switched.state import Coefficients, OutputEstimates, State
 
@@ -33,7 +33,7 @@ class Observed:
     def __init__(
         self, gains: Gains, circle: Circle, dt: float, measurement: tuple[float, ...]
     ) -> None:
-        self.module: Any = OBSERVER.module_of(gains)
+        self.module: Any = Switched.bound(gains)
         self.design = self.module.design(gains, circle)
         self.state, self.coefficients = State(), Coefficients()
         self.module.prepare(self.coefficients, self.design, dt)

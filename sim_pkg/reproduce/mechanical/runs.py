@@ -44,7 +44,7 @@ def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any) ->
         'model_parameters': [f'{name}={value!r}' for name, value in parameters.items()],
     }
     checked: Any = build(record.gains, values, owner=observer)
-    made: MechanismObserver = record.module.plan(checked, Circle())
+    made: MechanismObserver = record.plan(checked, Circle())
     return made
 
 

@@ -14,7 +14,7 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.driver.drive_channel import trace
 from estimator_pkg.engine.calls import functions_of
 from estimator_pkg.observers.pmsm.drive import DriveSample
-from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains
+from estimator_pkg.observers.pmsm.observer import Gains, Pmsm
 from estimator_pkg.observers.pmsm.state import Coefficients, State
 from sim_pkg.reproduce.pmsm.motor import (
     FLUX,
@@ -33,7 +33,7 @@ from sim_pkg.reproduce.pmsm.motor import (
     start_frame,
 )
 
-observer = OBSERVER.module
+observer = Pmsm
 
 PAPER: dict[str, Any] = {
     'form': 'paper',

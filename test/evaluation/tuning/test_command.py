@@ -142,7 +142,7 @@ def test_the_yaml_is_what_the_node_takes(tmp_path):
     assert common.pop('observer') == 'hybrid_angle'
     assert set(overrides) == {'a', 'b'} and common == {'order': 2, 'noise': 0.0}
     assert overrides['b']['timeout'] == 2.0 and "'per_joint.a':" in text
-    gains, _ = Configuration(hybrid_angle.OBSERVER, common, overrides).for_joint('b')
+    gains, _ = Configuration(hybrid_angle.HybridAngle, common, overrides).for_joint('b')
     assert gains.bandwidth_hz == found['tuned'][1]['gains']['bandwidth_hz']
     # the quick joint needs more bandwidth than the slow one
     assert overrides['b']['bandwidth_hz'] > 1.3 * overrides['a']['bandwidth_hz']

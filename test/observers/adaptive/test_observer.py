@@ -13,9 +13,8 @@ from servos import excited, feed, joint, named, servo
 from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
-from estimator_pkg.observers.adaptive import observer as adaptive
 from estimator_pkg.observers.adaptive.law import ADAPTING, FROZEN, GATED, INIT
-from estimator_pkg.observers.adaptive.observer import Gains
+from estimator_pkg.observers.adaptive.observer import Adaptive, Gains
 from estimator_pkg.observers.adaptive.structure import structure
 from estimator_pkg.parameters import build
 
@@ -244,10 +243,10 @@ def test_bad_gains_are_refused_in_one_line(gains, words):
 
 
 def test_euler_is_refused_where_it_is_unstable():
-    design = adaptive.design(Gains(form='paper', **PAPER), Circle())
-    assert adaptive.limits(design, 0.16) is None
-    assert '0.167' in adaptive.limits(design, 0.17)
-    assert adaptive.limits(adaptive.design(Gains(), Circle()), 10.0) is None
+    design = Adaptive.design(Gains(form='paper', **PAPER), Circle())
+    assert Adaptive.limits(design, 0.16) is None
+    assert '0.167' in Adaptive.limits(design, 0.17)
+    assert Adaptive.limits(Adaptive.design(Gains(), Circle()), 10.0) is None
 
 
 def test_gain_matrix_and_list_agree():

@@ -19,7 +19,7 @@ from estimator_pkg.observers.adaptive.evidence import (
     Evidence,
     judge,
 )
-from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.adaptive.observer import Adaptive
 from estimator_pkg.observers.adaptive.state import LearningSums
 
 TRUE = {'b/J': 2.0, 'k/J': 5.0, 'Kv/J': 30.0}
@@ -254,7 +254,7 @@ def test_saved_parameters_keep_their_deviation_and_doubt(tmp_path):
 
     def fed(angles, saved=None, **values):
         values = {'known': ('b1=0',), 'wrap_period': 0.0, **values}
-        bank = AdaptiveBank(AdaptiveConfiguration(OBSERVER, values, saved=saved))
+        bank = AdaptiveBank(AdaptiveConfiguration(Adaptive, values, saved=saved))
         for k, angle in enumerate(angles.tolist()):
             bank.take(10**18 + k * 2_000_000, ('a',), (angle,), (float(u[k - 1]) if k else 0.0,))
         return bank, bank.reports()['a']
@@ -274,6 +274,6 @@ def test_saved_parameters_keep_their_deviation_and_doubt(tmp_path):
 def test_a_file_with_gravity_needs_an_observer_with_it():
     saved = {'a': {'order': 2, 'a': [-1.0, 0.0], 'b': [0.0, 5.0], 'gravity': -20.0}}
     with pytest.raises(UsageError, match='have a gravity: set gravity to true'):
-        AdaptiveConfiguration(OBSERVER, {}, saved=saved)
-    gains, _ = AdaptiveConfiguration(OBSERVER, {'gravity': True}, saved=saved).for_joint('a')
+        AdaptiveConfiguration(Adaptive, {}, saved=saved)
+    gains, _ = AdaptiveConfiguration(Adaptive, {'gravity': True}, saved=saved).for_joint('a')
     assert gains.theta[4] == -20.0

@@ -4,7 +4,6 @@
 """The scale of the standard deviation: right, always learnt, and no part of the estimate."""
 
 import math
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from observer_cases import make, plain, stamps, wrapped
 from benchmarks.signals import Samples, encoder
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import TRACKING, Deviation
-from estimator_pkg.observers.angle.hybrid import observer
+from estimator_pkg.observers.angle.hybrid.observer import HybridAngle
 from estimator_pkg.sensor.calibration import (
     BROKEN,
     LARGEST_MEAN_SQUARE,
@@ -208,8 +207,7 @@ def test_instants_far_apart_give_no_derivative():
 
 def test_measurements_that_are_not_one_angle_are_not_calibrated():
     joint, samples = plain('hybrid_angle'), moving(fast_sine, 2000)
-    joint.module = ModuleType('not_one_angle')
-    vars(joint.module).update({**vars(observer), 'SINGLE_ANGLE': False})
+    joint.module = type('Own', (HybridAngle,), {'SINGLE_ANGLE': False})
     joint.run(samples.stamps, samples.angle)
     assert joint.used == 2000 and joint.channel.track.calibration.scale == 1.0
 

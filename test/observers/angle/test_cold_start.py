@@ -12,8 +12,7 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
-from estimator_pkg.observers.angle.hybrid import observer
-from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
+from estimator_pkg.observers.angle.hybrid.observer import HybridAngle
 from estimator_pkg.observers.angle.shared import relock
 
 DT = 0.01
@@ -44,7 +43,7 @@ def run(angle, dt=DT, quantum=QUANTUM, **gains):
     """Estimates from this true angle [rad], quantised and wrapped."""
     if quantum:
         angle = np.floor(angle / quantum) * quantum
-    joint = Joint(OBSERVER, OBSERVER.gains(quantum=quantum, **gains), JointSettings())
+    joint = Joint(HybridAngle, HybridAngle.gains(quantum=quantum, **gains), JointSettings())
     stamps = 10**18 + np.rint(np.arange(len(angle)) * dt * 1e9).astype(np.int64)
     return joint.run(stamps, wrapped(angle))
 
@@ -204,10 +203,13 @@ def test_beyond_half_a_turn_per_sample_a_start_can_only_find_the_alias():
 @pytest.mark.parametrize('speed, lost', [(1.0 + 6.2 / DT, False), (1.0 + 6.4 / DT, True)])
 def test_a_speed_in_doubt_is_lost_a_turn_per_sample_from_the_last_trusted_one(speed, lost):
     """Any speed that much larger fits the samples as well, and may be a runaway."""
-    design, state = observer.design(OBSERVER.gains(), Circle()), observer.State.of(observer)()
-    observer.start(observer, state, design, 0.0)
+    design, state = (
+        HybridAngle.design(HybridAngle.gains(), Circle()),
+        HybridAngle.State.of(HybridAngle)(),
+    )
+    HybridAngle.start(HybridAngle, state, design, 0.0)
     state.lock.status, state.lock.astray, state.lock.trusted = COASTING, 0.1, 1.0
     state.core.velocity = speed
-    relock(observer, state, design, 3.0, 1.0, 2.0, DT)
+    relock(HybridAngle, state, design, 3.0, 1.0, 2.0, DT)
     assert state.lock.status == (INITIALISING if lost else COASTING)
     assert (state.core.velocity, state.core.last) == ((0.0, 3.0) if lost else (speed, 0.0))

@@ -20,16 +20,16 @@ from test_frequency_response import transition
 import estimator_pkg
 from estimator_pkg.engine.calls import Memory
 from estimator_pkg.estimate import TRACKING
-from estimator_pkg.observers.angle.kalman import Coefficients, Core, Design, noise_gains
+from estimator_pkg.observers.angle.kalman import Kalman
 from estimator_pkg.observers.maths import covariance
-from estimator_pkg.observers.maths.covariance import Covariance, steady_gains_2
+from estimator_pkg.observers.maths.covariance import PRIOR_ACCELERATION, Covariance, steady_gains
 
 DT = 1e-3
 MODELS = {2: {'model': 'constant_velocity'}, 3: {}}
 DENSITY = {2: 'acceleration_psd', 3: 'jerk_psd'}
 orders = pytest.mark.parametrize('order', [2, 3])
 ENTRIES = {2: ('p00', 'p01', 'p11'), 3: ('p00', 'p01', 'p02', 'p11', 'p12', 'p22')}
-UPDATE = {2: covariance.update_2, 3: covariance.update_3}
+PRIOR = {2: 0.0, 3: PRIOR_ACCELERATION}
 
 
 def upper(p, order):
@@ -40,14 +40,14 @@ def upper(p, order):
 def of_line(order, dt):
     """P after two samples."""
     p = Covariance()
-    (covariance.set_line_2 if order == 2 else covariance.set_line_3)(p, dt)
+    covariance.set_line(p, dt, PRIOR[order])
     return p
 
 
 def of_noise(order, density, dt):
     """Q."""
     q = Covariance()
-    (covariance.set_noise_2 if order == 2 else covariance.set_noise_3)(q, density, dt)
+    covariance.set_noise(q, order, density, dt)
     return q
 
 
@@ -125,18 +125,12 @@ def test_after_a_gap_the_kept_speed_tells_the_turn(order):
 
 
 MANY = """
-    from estimator_pkg.observers.maths.covariance import Covariance, update_2, update_3
+    from estimator_pkg.observers.maths.covariance import Covariance, update
 
-    def many_2(p: Covariance, q: Covariance, dt: float, count: int) -> float:
+    def many(p: Covariance, q: Covariance, dt: float, prior: float, count: int) -> float:
         of_s = 0.0
         for _ in range(count):
-            K1, of_s = update_2(p, q, dt, 1.0)
-        return 1.0 - of_s
-
-    def many_3(p: Covariance, q: Covariance, dt: float, count: int) -> float:
-        of_s = 0.0
-        for _ in range(count):
-            K1, K2, of_s = update_3(p, q, dt, 1.0)
+            K1, K2, of_s = update(p, q, dt, 1.0, prior)
         return 1.0 - of_s
 """
 
@@ -147,13 +141,13 @@ MANY = """
 def test_an_hour_at_10_khz_ends_at_the_riccati_solution(order, tmp_path):
     (tmp_path / 'estimator_pkg').symlink_to(Path(estimator_pkg.__file__).parent)
     (tmp_path / 'updates.py').write_text(textwrap.dedent(MANY))
-    _, library = build(tmp_path, ('updates', f'many_{order}', {}, 'many'))
+    _, library = build(tmp_path, ('updates', 'many', {}, 'many'))
     p, added, dt = Memory(Covariance), Memory(Covariance), 1e-4
     # per noise variance: slow, usual for an hour, nearly no filtering
     for density, count in ((1e3, 300_000), (1e9, 36_000_000), (1e15, 300_000)):
         of_line(order, dt).write(p.array[0])
         of_noise(order, density, dt).write(added.array[0])
-        gain = library.many(p.pointer, added.pointer, dt, count)
+        gain = library.many(p.pointer, added.pointer, dt, PRIOR[order], count)
         f = transition(order, 1.0)
         q = process_noise(order, 1.0) * density * dt ** (2 * order - 1)
         c = np.eye(order)[:1]
@@ -178,7 +172,7 @@ def test_covariance_stays_positive_whatever_the_sample_times(exponent, times, or
     p = of_line(order, 10.0 ** times[0])
     for time in times[1:]:
         dt = 10.0**time
-        *_, left = UPDATE[order](p, of_noise(order, 10.0**exponent, dt), dt, 1.0)
+        *_, left = covariance.update(p, of_noise(order, 10.0**exponent, dt), dt, 1.0, PRIOR[order])
         assert all(math.isfinite(value) for value in upper(p, order))
         assert 0.0 < left <= 1.0 and p.p00 <= 1.0
         full = np.zeros((order, order))
@@ -222,16 +216,16 @@ def test_steady_gains_of_constant_velocity_are_those_it_converges_to(exponent):
     density, dt = 10.0**exponent, 0.02
     p, q = of_line(2, dt), of_noise(2, density, dt)
     for _ in range(2_000):
-        covariance.update_2(p, q, dt, 1.0)
-    assert steady_gains_2(density, dt) == pytest.approx((p.p00, p.p01 * dt), rel=1e-9)
+        covariance.update(p, q, dt, 1.0, 0.0)
+    assert steady_gains(density, dt) == pytest.approx((p.p00, p.p01 * dt), rel=1e-9)
 
 
 def noise_gains_of(order, *gains):
     """Those of a filter with these gains at DT, after its second sample."""
-    core, coefficients, design = Core(), Coefficients(), Design()
+    core, coefficients, design = Kalman.Core(), Kalman.Coefficients(), Kalman.Design()
     core.started, coefficients.dt, design.order = True, DT, order
     core.p.p00, core.p.p01, core.p.p02 = gains
-    return noise_gains(core, coefficients, design)
+    return Kalman.noise_gains(core, coefficients, design)
 
 
 def test_noise_gains_of_unstable_gains_are_those_after_the_third_sample():

@@ -119,18 +119,6 @@ def test_true_sample_times_are_believed(case):
     assert np.max(rest) < 8.0 * 0.02
 
 
-if __name__ == '__main__':
-    time = np.arange(int(8.0 * RATE)) / RATE
-    for case in CASES:
-        for quantum in (QUANTUM, None):
-            row = [max(errors(run(case, time, time, quantum), time, time))]
-            for delay in DELAYS:
-                for burst in (True, False):
-                    late = delayed(time, burst, [delay])
-                    row.append(max(errors(run(case, time, late, quantum), time, late)))
-            print(f'{label(case):40}', quantum, *(f'{value:7.2f}' for value in row), flush=True)
-
-
 def queued(t, random):
     """Times at which a receiver stamps samples of `t` [s] if it pauses now and then."""
     stamped, free = t.copy(), 0.0

@@ -84,19 +84,6 @@ def test_the_hybrid_observer_follows_few_counts_that_it_is_told(counts):
     assert np.sqrt(np.mean(error * error)) < 50.0
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('given', [True, False], ids=['noise given', 'noise estimated'])
-@pytest.mark.parametrize('variant', tunable_variants(), ids=label)
-def test_interval_covers_at_constant_speed(variant, given):
-    name, gains = variant
-    gains = {**gains, 'noise': NOISE} if given else gains
-    # estimates are alike over about ten samples: 40 000 of them are worth 4000 independent ones,
-    # which know the coverage to 0.35 %
-    part, tracked = covered(name, gains, constant, seed=1)
-    assert tracked > 39_000
-    assert 0.93 <= part <= 0.97
-
-
 @pytest.mark.parametrize(
     'variant',
     [

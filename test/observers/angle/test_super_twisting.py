@@ -15,14 +15,7 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import TRACKING
-from estimator_pkg.observers.angle.super_twisting import observer as super_twisting
-from estimator_pkg.observers.angle.super_twisting.observer import (
-    OBSERVER,
-    Coefficients,
-    Core,
-    Derivatives,
-    Gains,
-)
+from estimator_pkg.observers.angle.super_twisting import Gains, SuperTwisting, predict
 
 BOUND = {1: 25.0, 2: 150.0, 3: 1000.0}  # of the test signal's acceleration, jerk, snap
 
@@ -35,20 +28,17 @@ def signal(t):
 def predictions(form, order, dt, measured):
     """The velocity before each sample is used, started at rest at the first one."""
     gains = Gains(order=order, form=form, bound=BOUND[order])
-    design, coefficients = super_twisting.design(gains, Circle(0.0)), Coefficients()
-    super_twisting.prepare(coefficients, design, dt)
+    design, coefficients = SuperTwisting.design(gains, Circle(0.0)), SuperTwisting.Coefficients()
+    SuperTwisting.prepare(coefficients, design, dt)
     # one step before the first sample, at rest on it, so that the prediction is the start itself
-    core, before = Core(), Derivatives()
-    core.chain.x, core.ticks = float(measured[0]), 1
+    core, before = SuperTwisting.Core(), SuperTwisting.Core()
+    core.position, core.ticks = float(measured[0]), 1
     v = []
     for reading in measured.tolist():
-        before.take(core.chain)
-        super_twisting.correct(core, coefficients, design, reading)
-        if form == 'explicit':
-            before.v += dt * before.a
-        else:
-            super_twisting.advance(before, dt)
-        v.append(before.v)
+        before.take(core)
+        SuperTwisting.correct(core, coefficients, design, reading)
+        predict(before, design, dt)
+        v.append(before.velocity)
     return v
 
 
@@ -72,7 +62,7 @@ def test_vectors(form, order, expected):
 @pytest.mark.parametrize('order', [1, 2, 3])
 def test_cold_start_on_a_wrapped_angle_locks(order):
     bound, quantum = {1: 500.0, 2: 5000.0, 3: 1e5}[order], 2.0 * math.pi / 4096
-    joint = Joint(OBSERVER, Gains(order=order, bound=bound, quantum=quantum), JointSettings())
+    joint = Joint(SuperTwisting, Gains(order=order, bound=bound, quantum=quantum), JointSettings())
     for k in range(2000):
         angle = math.floor((1.0 + 200.0 * 1e-3 * k) / quantum) * quantum
         joint.update(10**18 + k * 10**6, math.remainder(angle, 2.0 * math.pi))
@@ -87,7 +77,9 @@ def test_noise_gain_is_that_of_the_equivalent_linear_filter():
     """White noise on a still shaft: the predicted deviation is right within a factor of 1.5."""
     random = np.random.default_rng(3)
     for order in (1, 2, 3):
-        joint = Joint(OBSERVER, Gains(order=order, noise=1e-3, bound=BOUND[order]), JointSettings())
+        joint = Joint(
+            SuperTwisting, Gains(order=order, noise=1e-3, bound=BOUND[order]), JointSettings()
+        )
         found = []
         for k in range(20000):
             joint.update(10**18 + k * 10**6, 1e-3 * random.standard_normal())

@@ -13,7 +13,7 @@ from estimator_pkg.driver.switched import SwitchedJoint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.maths.least_squares import LEAST_KEPT, kept, update
-from estimator_pkg.observers.switched.observer import OBSERVER, Gains
+from estimator_pkg.observers.switched.observer import Gains, Switched
 from estimator_pkg.parameters import build
 
 MOST = np.full(2, 1e6)
@@ -69,14 +69,14 @@ def test_a_sample_time_far_beyond_the_memory_leaves_a_rest():
 
 def test_switched_refuses_a_memory_shorter_than_that_of_its_filter():
     with pytest.raises(UsageError, match=r"'memory' = 1e-05 s .* at least 0.04"):
-        SwitchedJoint(OBSERVER, build(Gains, {'memory': 1e-5}), JointSettings())
+        SwitchedJoint(Switched, build(Gains, {'memory': 1e-5}), JointSettings())
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('gains', [{}, {'model': 'example'}, {'velocity': 'cascade'}])
 def test_switched_starts_again_when_its_numbers_ran_away(gains):
     """Whatever made an estimate nan, no later sample could mend it."""
-    joint = SwitchedJoint(OBSERVER, build(Gains, gains), JointSettings())
+    joint = SwitchedJoint(Switched, build(Gains, gains), JointSettings())
     outputs = len(joint.model.indices)
     known_input = joint.model.probe(0.0)
     for i in range(1500):

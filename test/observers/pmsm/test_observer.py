@@ -28,9 +28,8 @@ from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import MISCONFIGURED, NOT_OBSERVABLE, TRACKING
-from estimator_pkg.observers.pmsm import observer
 from estimator_pkg.observers.pmsm.drive import DriveSample
-from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains
+from estimator_pkg.observers.pmsm.observer import Gains, Pmsm
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, Watch
 from estimator_pkg.observers.pmsm.watch import (
     ALIASING,
@@ -79,7 +78,7 @@ def test_incomplete_motor_data_is_refused_by_name(missing, value):
     with pytest.raises(UsageError, match=missing):
         made(**{missing: value})
     with pytest.raises(UsageError, match=missing):
-        observer.design(dataclasses.replace(Gains(**MOTOR), **{missing: value}), Circle(0.0))
+        Pmsm.design(dataclasses.replace(Gains(**MOTOR), **{missing: value}), Circle(0.0))
 
 
 @pytest.mark.parametrize(
@@ -92,10 +91,10 @@ def test_gains_that_cannot_work_are_refused(gains, said):
 
 def test_a_rate_below_two_samples_per_turn_is_refused_with_the_limit():
     design = made(speed_max=6000.0 * RPM).design
-    assert observer.limits(design, 1.0 / 2000.0) is None
-    assert 'sample at 1400 Hz' in observer.limits(design, 1.0 / 1000.0)
+    assert Pmsm.limits(design, 1.0 / 2000.0) is None
+    assert 'sample at 1400 Hz' in Pmsm.limits(design, 1.0 / 1000.0)
     joint = DriveJoint(
-        OBSERVER, build_parameters(Gains, {**MOTOR, 'speed_max': 6000.0 * RPM}), JointSettings()
+        Pmsm, build_parameters(Gains, {**MOTOR, 'speed_max': 6000.0 * RPM}), JointSettings()
     )
     for k in range(100):
         joint.update(10**9 + k * 10**6, (0.0, 0.0, 0.0, 0.0))
@@ -323,7 +322,7 @@ def test_the_declared_delay_is_that_of_the_speed_on_a_ramp(corner):
     lag = (seen.truth[1:, 0] - rows[:, 1] / 7.0)[2000:3500]
     rise = np.gradient(seen.truth[1:, 0], DT)[2000:3500]
     measured = float(np.mean(lag) / np.mean(rise))
-    assert measured == pytest.approx(observer.group_delay(motor.design, DT), rel=0.06)
+    assert measured == pytest.approx(Pmsm.group_delay(motor.design, DT), rel=0.06)
 
 
 def test_the_low_pass_on_the_speed_has_two_poles_and_its_corner_where_it_is_said():

@@ -19,7 +19,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import INITIALISING, TRACKING
 from estimator_pkg.models import gripper
 from estimator_pkg.models.switched import check, load, trajectory
-from estimator_pkg.observers.switched.observer import OBSERVER, Gains
+from estimator_pkg.observers.switched.observer import Gains, Switched
 from estimator_pkg.observers.switched.state import OutputDeviations
 from estimator_pkg.parameters import build
 from sim_pkg.reproduce.hybrid_discrete.runs import Observed
@@ -68,7 +68,7 @@ def gripped(count=4000, loads=((2000, gripper.CLOSED),), drag=0.0):
 
 
 def made(**gains):
-    return SwitchedJoint(OBSERVER, build(Gains, gains), JointSettings())
+    return SwitchedJoint(Switched, build(Gains, gains), JointSettings())
 
 
 def run(joint, angles, torques, events=(), offset=0.0):
@@ -190,7 +190,7 @@ def test_a_gap_keeps_what_was_learnt():
 )
 def test_wrong_models_are_refused_before_running(name, words):
     with pytest.raises(UsageError) as caught:
-        OBSERVER.module_of(Gains(model=name))
+        Switched.bound(Gains(model=name))
     assert words in str(caught.value) and '\n' not in str(caught.value)
 
 
@@ -324,7 +324,7 @@ def test_the_velocity_belongs_to_the_stamp_and_is_quiet(counts, bandwidth, rms):
     quantum = 2.0 * math.pi / counts
     readings = np.remainder(np.round(angles / quantum) * quantum + math.pi, 2.0 * math.pi) - math.pi
     switched = SwitchedJoint(
-        OBSERVER, build(Gains, {'quantum': quantum, 'bandwidth_hz': bandwidth}), JointSettings()
+        Switched, build(Gains, {'quantum': quantum, 'bandwidth_hz': bandwidth}), JointSettings()
     )
     other = observers.find('hybrid_angle')
     angle_only = Joint(other, build(other.gains, {'quantum': quantum}), JointSettings())
@@ -400,7 +400,7 @@ def test_the_noise_of_the_velocity_is_as_computed():
 
 def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
     settings = build(DrivenSettings, {'wrap_period': 0.0})
-    system = SwitchedJoint(OBSERVER, build(Gains, {'model': 'example', 'noise': 1e-4}), settings)
+    system = SwitchedJoint(Switched, build(Gains, {'model': 'example', 'noise': 1e-4}), settings)
     bank = SwitchedBank(system, ('y1', 'y2'))
     _, states, _ = trajectory(load('example'), 1)
     for i, (x1, _, x3, _) in enumerate(states.tolist()):

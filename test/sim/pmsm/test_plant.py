@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 from estimator_pkg.engine import calls
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.pmsm import observer
+from estimator_pkg.observers.pmsm.observer import Gains
 from estimator_pkg.parameters import build, declared
 from sim_pkg.pmsm.control import speed_control
 from sim_pkg.pmsm.drive import Drive
@@ -164,7 +164,7 @@ def test_the_servo_of_the_configuration_runs_and_is_tracked():
     with open(SERVO, encoding='utf-8') as file:
         nodes = yaml.safe_load(file)
     parameters = build(PmsmParameters, nodes['pmsm_sim']['ros__parameters'])
-    gains = build(observer.Gains, nodes['pmsm_observer']['ros__parameters'])
+    gains = build(Gains, nodes['pmsm_observer']['ros__parameters'])
     profile = Profile([(0.1, 3000.0, 3000.0), (0.15, 3000.0, -3000.0), (0.1, -3000.0, -3000.0)])
     record = Drive(parameters, 1, profile=profile).run(7000)
     assert np.abs(record.truth[:, 0] - record.truth[:, 4]).max() < 150.0 * RPM

@@ -12,7 +12,7 @@ from observer_cases import make, stamps
 
 from estimator_pkg.circle import Circle
 from estimator_pkg.observers.angle.hybrid import injections
-from estimator_pkg.observers.angle.hybrid.observer import Gains, design
+from estimator_pkg.observers.angle.hybrid.observer import Gains, HybridAngle
 from estimator_pkg.parameters import build
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce.hybrid_angle import observer as continuous
@@ -36,7 +36,7 @@ def test_the_node_runs_the_algorithm_that_is_reproduced(name):
 @pytest.mark.parametrize('name', injections.INJECTIONS)
 def test_the_continuous_observer_has_the_injections_of_the_node(name):
     gains = build(Gains, {'form': 'paper', 'injection': name, **FIGURE_6})
-    made = design(gains, Circle())
+    made = HybridAngle.design(gains, Circle())
     for error in np.linspace(-9.0, 9.0, 61).tolist():
         ours = continuous.injection(injections.INJECTIONS.index(name), error, 1.0)
         assert ours == injections.inject(error, made)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg.circle import Circle, is_next_count, wrap
-from estimator_pkg.circle import is_angle as is_reading  # noqa: F401
+from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING, Estimate
 from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference, sigma
 from estimator_pkg.observers.angle.edge import start as starts
 from estimator_pkg.observers.angle.edge.bandwidth import ProcessNoise, VelocityRandomWalk
@@ -33,11 +33,8 @@ from estimator_pkg.observers.angle.edge.constants import (
     SIGMAS,
 )
 from estimator_pkg.observers.angle.edge.covariance import Coefficients, Motion
-from estimator_pkg.observers.angle.edge.sigma import deviation  # noqa: F401
 from estimator_pkg.observers.angle.edge.start import StartUncertainty
 from estimator_pkg.observers.angle.edge.update import update
-from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Estimate, Observer
-from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.observers.maths.informing import FUSE_ANGLE, FUSE_RATE, Fusion, scalar_update
 from estimator_pkg.parameters import parameter
@@ -51,11 +48,6 @@ from estimator_pkg.sensor.outliers import LARGEST_SPEED_CHANGE
 LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft
 HASTY = 4.0  # first sample times: where the second is longer, the stamps of the first were wrong
-
-SINGLE_ANGLE = True
-EDGES = True
-TURNS = True
-DRIVEN = False
 
 
 @dataclass(frozen=True)
@@ -155,11 +147,6 @@ def design(gains: Gains, circle: Circle) -> Design:
     made.ratio, made.of_angle, made.of_speed = preference.ratios(RATIO[gains.prefer])
     made.log_ratio = math.log(made.ratio)
     return made
-
-
-def group_delay(design: Design, dt: float) -> float:
-    """Return nan: it follows from the motion."""
-    return math.nan
 
 
 def why(state: State, design: Design) -> str:
@@ -612,14 +599,3 @@ def estimate(
     out.position = present(state.convention, angle, design.period, design.unwrap)
     out.velocity, out.acceleration = v, motion.acceleration + second.a
     out.status = state.tracking.status
-
-
-OBSERVER = Observer(
-    name='edge_adaptive',
-    summary='finds bandwidth and noise by itself: say how many counts the '
-    'encoder has, or not even that',
-    gains=Gains,
-    reference='docs/observers/edge_adaptive.md: edges as times, truncated Gaussians, innovation '
-    'correlation (Mehra 1970), cumulative sums (Page 1954)',
-    gives_acceleration=lambda gains: True,
-)

@@ -11,11 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
 
 from estimator_pkg import registry
 from estimator_pkg.circle import wrap
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.angle.hybrid.state import Design
+from estimator_pkg.observers.angle.hybrid.design import Design
 from estimator_pkg.record import plain
 
 INJECTIONS = ('sin', 'tan', 'saw', 'sat')
@@ -25,6 +28,7 @@ SAW = 2
 SAT = 3  # further numbers are those of users' own functions
 CHECKED_POINTS = 2000  # points on each side of zero where a user's injection is looked at
 BEYOND = 50  # and within the margin before +-pi
+STEP = 1e-5  # of the slope at zero [rad]
 
 _own: list[Callable[[float], float]] = []
 
@@ -74,7 +78,7 @@ def find(name: str, *, margin: float) -> int:
 
 
 def check_assumption_1(function: Callable[[float], float], margin: float, name: str) -> None:
-    """Holds `function` to the four items of Assumption 1, numerically.
+    """Check `function` for the four items of Assumption 1, numerically.
 
     Parameters
     ----------
@@ -86,9 +90,6 @@ def check_assumption_1(function: Callable[[float], float], margin: float, name: 
     UsageError : with the item that fails and the error at which it does.
     """
 
-    def fail(item: int, what: str) -> None:
-        raise UsageError(f"injection '{name}' violates Assumption 1, item {item}: {what}")
-
     def value_at(error: float) -> float:
         try:
             return float(function(error))
@@ -98,28 +99,28 @@ def check_assumption_1(function: Callable[[float], float], margin: float, name: 
     if not callable(function):
         raise UsageError(f"injection '{name}' is no function of one angle")
     inner = math.pi - margin
-    previous = None
-    for i in range(-CHECKED_POINTS, CHECKED_POINTS + 1):
-        error = inner * i / CHECKED_POINTS
-        value = value_at(error)
-        if not math.isfinite(value):
-            fail(1, f'not finite at {error:.3f} rad')
-        if i != 0 and not error * value > 0.0:
-            fail(2, f'error times injection is not positive at {error:.3f} rad')
-        for turn in (-1, 1):
-            if abs(value_at(error + turn * 2.0 * math.pi) - value) > 1e-6 * (1.0 + abs(value)):
-                fail(3, f'not 2 pi periodic at {error:.3f} rad')
-        if previous is not None and _jumps(value_at, previous, error):
-            fail(1, f'jumps near {error:.3f} rad')
-        previous = error
-    for i in range(1, BEYOND):  # the rest of (-pi, pi), where it need not be continuous
-        for error in (inner + margin * i / BEYOND, -inner - margin * i / BEYOND):
-            if not error * value_at(error) > 0.0:
-                fail(2, f'error times injection is not positive at {error:.3f} rad')
-    step = 1e-5
-    slope = (value_at(step) - value_at(-step)) / (2.0 * step)
-    if not abs(slope - 1.0) <= 1e-3:
-        fail(4, f'slope at zero is {slope:.4g}, not 1')
+    inside = inner * np.arange(-CHECKED_POINTS, CHECKED_POINTS + 1) / CHECKED_POINTS
+    beyond = inner + margin * np.arange(1, BEYOND) / BEYOND  # it need not be continuous there
+    points = np.concatenate([inside, beyond, -beyond])
+    values = np.array([value_at(error) for error in points.tolist()])
+    turned = np.array([value_at(error + 2.0 * math.pi) for error in inside.tolist()])
+    within = values[: len(inside)]
+    with np.errstate(invalid='ignore'):  # of values that are not finite
+        turns = ~(abs(turned - within) <= 1e-6 * (1.0 + abs(within)))
+    jumps = [_jumps(value_at, *pair) for pair in pairwise(inside.tolist())]
+    slope = (value_at(STEP) - value_at(-STEP)) / (2.0 * STEP)
+    rules = (  # item, what is wrong, and at which of the points
+        (1, 'not finite at {:.3f} rad', ~np.isfinite(within)),
+        (2, 'error times injection is not positive at {:.3f} rad', ~(points * values > 0.0)),
+        (3, 'not 2 pi periodic at {:.3f} rad', turns),
+        (1, 'jumps near {:.3f} rad', np.array([False, *jumps])),
+        (4, f'slope at zero is {slope:.4g}, not 1', np.array([not abs(slope - 1.0) <= 1e-3])),
+    )
+    for item, wrong, where in rules:
+        where[CHECKED_POINTS : CHECKED_POINTS + 1] &= item != 2  # the sign at zero
+        if np.any(where):
+            found = wrong.format(points[np.argmax(where)])
+            raise UsageError(f"injection '{name}' violates Assumption 1, item {item}: {found}")
 
 
 def _jumps(function: Callable[[float], float], low: float, high: float) -> bool:

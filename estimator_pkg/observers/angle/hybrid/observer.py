@@ -7,36 +7,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from estimator_pkg.circle import FEW_COUNTS_MARGIN, Circle
 from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.angle.hybrid import design as records
 from estimator_pkg.observers.angle.hybrid import injections, paper, robust
-from estimator_pkg.observers.angle.hybrid.design import Continuous, continuous_design, paper_limit
-from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core, Design
-from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
-    DRIVEN,
-    EDGES,
+from estimator_pkg.observers.angle.hybrid.design import (
+    Coefficients,
+    Continuous,
+    Core,
+    Design,
+    continuous_design,
+    paper_limit,
+)
+from estimator_pkg.observers.angle.shared import (
     LAG_2,
     LAG_3,
-    SINGLE_ANGLE,
     AngleGains,
-    State,
-    deviation,
-    estimate,
-    is_reading,
-    restart,
-    resume,
+    LinearObserver,
     set_shared,
-    start,
-    step,
 )
-from estimator_pkg.observers.angle.starts import linear_pace
-from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.parameters import parameter, structural
 
-TURNS = False  # it needs the circle to find outliers
 DOUBTFUL = 0.125  # of a turn: a larger innovation is doubtful, unless a turn has few counts
 SETTLING = 3.0  # time constants of the slowest pole until a start counts as settled
 
@@ -152,38 +145,8 @@ def design_of(gains: Gains) -> Continuous:
     ------
     UsageError : an unstable design, or gains of another order.
     """
-    return continuous_design(
-        order_of(gains), gains.bandwidth_hz, gains.k1, gains.k2, gains.k3, gains.epsilon
-    )
-
-
-def design(gains: Gains, circle: Circle) -> Design:
-    """Return what follows from the gains whatever the sample time is.
-
-    Raises
-    ------
-    UsageError : gains that contradict each other, or an injection that needs a circle where the
-        joint has none.
-    """
-    continuous, period = design_of(gains), circle.period
-    if period <= 0.0 and (gains.form == 'paper' or gains.injection not in ('saw', 'sat')):
-        what = "form 'paper'" if gains.form == 'paper' else f"injection '{gains.injection}'"
-        raise UsageError(
-            f'{what} needs a circle, and wrap_period is 0: '
-            "use form 'robust' with injection 'saw' or 'sat'"
-        )
-    made = Design()
-    made.order, made.paper = len(continuous.k), gains.form == 'paper'
-    made.injection = injections.find(gains.injection, margin=gains.delta_pi)
-    made.saturation, made.margin = gains.M, gains.delta_pi * (period / (2.0 * math.pi))
-    restarts, lag = not made.paper, LAG_2 if made.order == 2 else LAG_3
-    if made.paper:
-        _set_paper(made, gains, continuous)
-        lag = LAG_2 * made.l1 / made.l2 * continuous.slowest  # behind a ramp, times the pace
-    else:
-        _set_robust(made, gains, continuous, period)
-    set_shared(made.shared, gains, circle, SETTLING / continuous.slowest, lag, restarts)
-    return made
+    k = (gains.k1, gains.k2, gains.k3)
+    return continuous_design(order_of(gains), gains.bandwidth_hz, k, gains.epsilon)
 
 
 def _set_robust(made: Design, gains: Gains, continuous: Continuous, period: float) -> None:
@@ -210,86 +173,130 @@ def _set_paper(made: Design, gains: Gains, continuous: Continuous) -> None:
     made.ratio = paper_limit(continuous.k)
 
 
-def runs_plain(gains: Gains) -> bool:
-    """Return True if the injection is a user's own function, which is no part of the engine."""
-    return gains.injection not in injections.INJECTIONS
+class HybridAngle(LinearObserver):
+    """The hybrid observer, in the paper's form or the robust one."""
 
-
-def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
-    """Set what follows from dt [s]."""
-    if design.paper:
-        paper.prepare(coefficients, design, dt)
-    else:
-        robust.prepare(coefficients, design, dt)
-
-
-def begin(core: Core, design: Design, measurement: float) -> None:
-    """Begin at a measurement [rad], at rest."""
-    robust.begin(core, design, measurement)
-    if design.paper:
-        paper.place(core, design, measurement)
-
-
-def resume_core(core: Core, design: Design, measurement: float) -> None:
-    """Go on after a gap: at the measurement [rad], with the speed as it was."""
-    if design.paper:
-        paper.place(core, design, measurement)
-    else:
-        robust.resume(core, design, measurement)
-
-
-def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
-    """Take a measurement [rad]; return the innovation [rad]."""
-    if design.paper:
-        return paper.correct(core, coefficients, design, measurement)
-    return robust.correct(core, coefficients, design, measurement)
-
-
-def noise_gains(
-    core: Core, coefficients: Coefficients, design: Design
-) -> tuple[float, float, float]:
-    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise."""
-    if design.paper:
-        return paper.noise_gains(coefficients, design)
-    return robust.noise_gains(coefficients, design)
-
-
-def pace(observer: Any, core: Core, coefficients: Coefficients, design: Design, dt: float) -> float:
-    """Return how fast the errors of a start decay [1/s]."""
-    if design.paper:
-        return coefficients.pace
-    return linear_pace(observer, core, coefficients, design, dt)
-
-
-def limits(design: Design, dt: float) -> str | None:
-    """Return why Algorithm 1 cannot work at this dt [s]; None: it can."""
-    if not design.paper or dt < design.ratio * design.epsilon:
-        return None
-    ratio, epsilon = design.ratio, design.epsilon
-    return (
-        f'Algorithm 1 is unstable at {1.0 / dt:.4g} Hz: epsilon = {epsilon:.4g} s '
-        f'must exceed {dt / ratio:.4g} s (bandwidth_hz below '
-        f'{design.bandwidth_hz * epsilon * ratio / dt:.4g})'
+    name = 'hybrid_angle'
+    summary = 'hybrid high-gain observer for wrapped angles'
+    reference = (
+        'Brentari, Bosetti, Zaccarian: A class of hybrid velocity observers for angular '
+        'measurements with jumps, IEEE L-CSS 2(4), 2018; form robust: its sampled form made '
+        'safe at any sample time'
     )
+    gains = Gains
+    TURNS = False  # it needs the circle to find outliers
+    Design: TypeAlias = records.Design
+    Coefficients: TypeAlias = records.Coefficients
+    Core: TypeAlias = records.Core
 
+    @staticmethod
+    def design(gains: Gains, circle: Circle) -> Design:
+        """Return what follows from the gains whatever the sample time is.
 
-def group_delay(design: Design, dt: float) -> float:
-    """Return the delay of the velocity at low frequency [s]."""
-    if design.paper:
-        return design.l1 / design.l2 - 0.5 * dt
-    if design.order == 3:
-        return 0.0  # a ramp of speed is followed without lag at any sample time
-    coefficients = Coefficients()
-    robust.prepare(coefficients, design, dt)
-    return coefficients.alpha / coefficients.beta - 0.5 * dt
+        Raises
+        ------
+        UsageError : gains that contradict each other, or an injection that needs a circle where the
+            joint has none.
+        """
+        continuous, period = design_of(gains), circle.period
+        if period <= 0.0 and (gains.form == 'paper' or gains.injection not in ('saw', 'sat')):
+            what = "form 'paper'" if gains.form == 'paper' else f"injection '{gains.injection}'"
+            raise UsageError(
+                f'{what} needs a circle, and wrap_period is 0: '
+                "use form 'robust' with injection 'saw' or 'sat'"
+            )
+        made = Design()
+        made.order, made.paper = len(continuous.k), gains.form == 'paper'
+        made.injection = injections.find(gains.injection, margin=gains.delta_pi)
+        made.saturation, made.margin = gains.M, gains.delta_pi * (period / (2.0 * math.pi))
+        restarts, lag = not made.paper, LAG_2 if made.order == 2 else LAG_3
+        if made.paper:
+            _set_paper(made, gains, continuous)
+            lag = LAG_2 * made.l1 / made.l2 * continuous.slowest  # behind a ramp, times the pace
+        else:
+            _set_robust(made, gains, continuous, period)
+        set_shared(made.shared, gains, circle, SETTLING / continuous.slowest, lag, restarts)
+        return made
 
+    @staticmethod
+    def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+        """Set what follows from dt [s]."""
+        if design.paper:
+            paper.prepare(coefficients, design, dt)
+        else:
+            robust.prepare(coefficients, design, dt)
 
-OBSERVER = Observer(
-    name='hybrid_angle',
-    summary='hybrid high-gain observer for wrapped angles',
-    gains=Gains,
-    reference='Brentari, Bosetti, Zaccarian: A class of hybrid velocity observers for angular '
-    'measurements with jumps, IEEE L-CSS 2(4), 2018; form robust: its sampled form made '
-    'safe at any sample time',
-    gives_acceleration=lambda gains: order_of(gains) == 3,
-)
+    @staticmethod
+    def begin(core: Core, design: Design, measurement: float) -> None:
+        """Begin at a measurement [rad], at rest."""
+        robust.begin(core, design, measurement)
+        if design.paper:
+            paper.place(core, design, measurement)
+
+    @staticmethod
+    def resume_core(core: Core, design: Design, measurement: float) -> None:
+        """Go on after a gap: at the measurement [rad], with the speed as it was."""
+        if design.paper:
+            paper.place(core, design, measurement)
+        else:
+            robust.resume(core, design, measurement)
+
+    @staticmethod
+    def correct(
+        core: Core, coefficients: Coefficients, design: Design, measurement: float
+    ) -> float:
+        """Take a measurement [rad]; return the innovation [rad]."""
+        if design.paper:
+            return paper.correct(core, coefficients, design, measurement)
+        return robust.correct(core, coefficients, design, measurement)
+
+    @staticmethod
+    def noise_gains(
+        core: Core, coefficients: Coefficients, design: Design
+    ) -> tuple[float, float, float]:
+        """Return variances of position, velocity [1/s^2], innovation per unit variance of noise."""
+        if design.paper:
+            return paper.noise_gains(coefficients, design)
+        return robust.noise_gains(coefficients, design)
+
+    @staticmethod
+    def pace(
+        observer: Any, core: Core, coefficients: Coefficients, design: Design, dt: float
+    ) -> float:
+        """Return how fast the errors of a start decay [1/s]."""
+        if design.paper:
+            return coefficients.pace
+        return LinearObserver.pace(observer, core, coefficients, design, dt)
+
+    @staticmethod
+    def limits(design: Design, dt: float) -> str | None:
+        """Return why Algorithm 1 cannot work at this dt [s]; None: it can."""
+        if not design.paper or dt < design.ratio * design.epsilon:
+            return None
+        ratio, epsilon = design.ratio, design.epsilon
+        return (
+            f'Algorithm 1 is unstable at {1.0 / dt:.4g} Hz: epsilon = {epsilon:.4g} s '
+            f'must exceed {dt / ratio:.4g} s (bandwidth_hz below '
+            f'{design.bandwidth_hz * epsilon * ratio / dt:.4g})'
+        )
+
+    @staticmethod
+    def group_delay(design: Design, dt: float) -> float:
+        """Return the delay of the velocity at low frequency [s]."""
+        if design.paper:
+            return design.l1 / design.l2 - 0.5 * dt
+        if design.order == 3:
+            return 0.0  # a ramp of speed is followed without lag at any sample time
+        coefficients = Coefficients()
+        robust.prepare(coefficients, design, dt)
+        return coefficients.alpha / coefficients.beta - 0.5 * dt
+
+    @staticmethod
+    def runs_plain(gains: Gains) -> bool:
+        """Return True if the injection is a user's own function, which is no part of the engine."""
+        return gains.injection not in injections.INJECTIONS
+
+    @staticmethod
+    def gives_acceleration(gains: Gains) -> bool:
+        """Return True if `estimate` sets the acceleration."""
+        return order_of(gains) == 3

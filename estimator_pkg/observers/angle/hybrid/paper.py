@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 from estimator_pkg.circle import wrap
+from estimator_pkg.observers.angle.hybrid.design import Coefficients, Core, Design
 from estimator_pkg.observers.angle.hybrid.injections import inject
-from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core, Design
 from estimator_pkg.observers.maths.tracking import noise_of_two
 
 UNSTABLE = 1e300  # a noise gain that nothing bounds; unlike inf, it may be multiplied by 0

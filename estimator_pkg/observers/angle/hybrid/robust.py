@@ -26,8 +26,8 @@ from __future__ import annotations
 import math
 
 from estimator_pkg.circle import wrap
+from estimator_pkg.observers.angle.hybrid.design import Coefficients, Core, Design
 from estimator_pkg.observers.angle.hybrid.injections import SAW, inject
-from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core, Design
 from estimator_pkg.observers.maths.tracking import matched, noise_of_three, noise_of_two
 
 # Doubtful samples do not correct the speed for HOLD [s] and HOLD_SAMPLES samples; then comes a new
@@ -95,11 +95,7 @@ def resume(core: Core, design: Design, measurement: float) -> None:
 
 def clamped(velocity: float, fastest: float) -> float:
     """Return `velocity` clamped to +-fastest [rad/s]."""
-    if velocity > fastest:
-        return fastest
-    if velocity < -fastest:
-        return -fastest
-    return velocity
+    return min(max(velocity, -fastest), fastest)
 
 
 def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
@@ -114,9 +110,7 @@ def correct(core: Core, coefficients: Coefficients, design: Design, measurement:
     innovation = core.error + unpredicted
     if strange or core.phase != 0.0:
         if core.phase > 0.0:
-            if design.order == 2:
-                return start_2(core, coefficients, design, measurement, innovation)
-            return start_3(core, coefficients, design, measurement, innovation)
+            return start(core, coefficients, design, measurement, innovation)
         return hold(core, coefficients, design, measurement, unpredicted, innovation)
     velocity = core.velocity + gained
     if not -design.reset_from < innovation < design.reset_from:  # in J2
@@ -146,56 +140,39 @@ def start_again(core: Core, design: Design, measurement: float, dt: float) -> No
     place(core, measurement, 0.0, 2.0)
 
 
-def start_2(
+def start(
     core: Core, coefficients: Coefficients, design: Design, measurement: float, innovation: float
 ) -> float:
-    """Take a sample of a start, order 2: expanding memory of a straight line."""
-    phase, dt = core.phase, coefficients.dt
-    alpha, beta = coefficients.alpha, coefficients.beta
-    if phase > 1.0 and not -design.doubtful <= innovation <= design.doubtful:
-        start_again(core, design, measurement, dt)
-        return innovation
-    phase += 1.0
-    rate = 6.0 / (phase * (phase + 1.0) * dt)
-    if rate < beta:
-        phase = 0.0
-    else:
-        alpha, beta = (4.0 * phase - 2.0) / (phase * (phase + 1.0)), rate
-    core.velocity = clamped(core.velocity + beta * innovation, design.fastest)
-    if phase == 2.0:  # the speed was not known: no innovation
-        place(core, measurement, 0.0, phase)
-        return 0.0
-    place(core, measurement, innovation - alpha * innovation, phase)
-    return innovation
+    """Take a sample of a start: a line through two samples, then an expanding memory.
 
-
-def start_3(
-    core: Core, coefficients: Coefficients, design: Design, measurement: float, innovation: float
-) -> float:
-    """Take a sample of a start, order 3: a straight line through two samples, then a parabola."""
-    phase, dt = core.phase, coefficients.dt
-    alpha, beta, gamma = coefficients.alpha, coefficients.beta, coefficients.gamma
-    if phase < 2.0:  # the speed was not known: no innovation
+    That is least squares of a line (order 2) or a parabola through all samples so far.
+    """
+    dt, n = coefficients.dt, core.phase + 1.0
+    if n < 3.0:  # the speed was not known: no innovation
         core.velocity = clamped(core.velocity + innovation / dt, design.fastest)
-        core.acceleration = 0.0
-        place(core, measurement, 0.0, 2.0)
+        forget_acceleration(core, design)
+        place(core, measurement, 0.0, n)
         return 0.0
     if not -design.doubtful <= innovation <= design.doubtful:
         start_again(core, design, measurement, dt)
         return innovation
-    phase += 1.0
-    part = 1.0 / (phase * (phase + 1.0) * (phase + 2.0))
-    slope = 60.0 * part / (dt * dt)
-    if slope < gamma:
-        phase = 0.0
+    alpha, beta, gamma = coefficients.alpha, coefficients.beta, coefficients.gamma
+    if design.order == 2:
+        part = 1.0 / (n * (n + 1.0))
+        begins = 6.0 * part / dt >= beta
+        if begins:
+            alpha, beta = (4.0 * n - 2.0) * part, 6.0 * part / dt
+        velocity = core.velocity + beta * innovation
     else:
-        alpha = (9.0 * phase * (phase - 1.0) + 6.0) * part
-        beta = (36.0 * phase - 18.0) * part / dt
-        gamma = slope
-    velocity = core.velocity + core.acceleration * dt + beta * innovation
+        part = 1.0 / (n * (n + 1.0) * (n + 2.0))
+        begins = 60.0 * part / (dt * dt) >= gamma
+        if begins:
+            alpha, beta = (9.0 * n * (n - 1.0) + 6.0) * part, (36.0 * n - 18.0) * part / dt
+            gamma = 60.0 * part / (dt * dt)
+        velocity = core.velocity + core.acceleration * dt + beta * innovation
+        core.acceleration += gamma * innovation
     core.velocity = clamped(velocity, design.fastest)
-    core.acceleration += gamma * innovation
-    place(core, measurement, innovation - alpha * innovation, phase)
+    place(core, measurement, innovation - alpha * innovation, n if begins else 0.0)
     return innovation
 
 

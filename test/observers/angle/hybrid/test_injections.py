@@ -13,8 +13,8 @@ from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import injections
-from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
-from estimator_pkg.observers.angle.hybrid.state import Design
+from estimator_pkg.observers.angle.hybrid.design import Design
+from estimator_pkg.observers.angle.hybrid.observer import HybridAngle
 
 TURN = 2.0 * math.pi
 MARGIN = math.radians(5.0)
@@ -117,7 +117,9 @@ def test_another_period_scales_one_of_the_user(own):
 )
 def test_a_good_one_serves(own, name):
     joint = Joint(
-        OBSERVER, OBSERVER.gains(injection=own(name), order=2, bandwidth_hz=5.0), JointSettings()
+        HybridAngle,
+        HybridAngle.gains(injection=own(name), order=2, bandwidth_hz=5.0),
+        JointSettings(),
     )
     velocity = np.where(np.arange(2000) < 1000, 10.0, 40.0)  # a step, for large errors
     angle = np.cumsum(velocity) * 1e-3
@@ -144,5 +146,5 @@ def test_a_good_one_serves(own, name):
 )
 def test_a_bad_one_is_refused_with_the_reason(own, name, reason):
     with pytest.raises(UsageError, match=reason) as refused:
-        Joint(OBSERVER, OBSERVER.gains(injection=own(name)), JointSettings())
+        Joint(HybridAngle, HybridAngle.gains(injection=own(name)), JointSettings())
     assert '\n' not in str(refused.value)

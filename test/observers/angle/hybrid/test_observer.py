@@ -11,19 +11,19 @@ from angle_runs import MARGIN, PHI, TURN, Inner, make, stamps, wrapped
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import injections
-from estimator_pkg.observers.angle.hybrid.observer import OBSERVER, design_of
+from estimator_pkg.observers.angle.hybrid.observer import HybridAngle, design_of
 
 # --- the parameters ---------------------------------------------------------------------------
 
 
 def test_epsilon_follows_from_the_bandwidth_and_goes_before_it():
     # the spec: epsilon 0.1 s has its -3 dB frequency at 9.635 rad/s
-    assert design_of(OBSERVER.gains(order=2, epsilon=0.1)).bandwidth_hz == pytest.approx(
+    assert design_of(HybridAngle.gains(order=2, epsilon=0.1)).bandwidth_hz == pytest.approx(
         9.635 / TURN, rel=1e-4
     )
-    by_width = design_of(OBSERVER.gains(order=2, bandwidth_hz=9.635 / TURN))
+    by_width = design_of(HybridAngle.gains(order=2, bandwidth_hz=9.635 / TURN))
     assert by_width.epsilon == pytest.approx(0.1, rel=1e-4)
-    assert design_of(OBSERVER.gains(epsilon=0.02, bandwidth_hz=7.0)).epsilon == 0.02
+    assert design_of(HybridAngle.gains(epsilon=0.02, bandwidth_hz=7.0)).epsilon == 0.02
 
 
 @pytest.mark.parametrize(
@@ -50,9 +50,9 @@ def test_what_needs_a_circle_is_refused_without_one(gains):
 
 
 def test_order_follows_the_form_where_it_is_unset():
-    assert OBSERVER.gives_acceleration(OBSERVER.gains())
-    assert not OBSERVER.gives_acceleration(OBSERVER.gains(order=2))
-    assert not OBSERVER.gives_acceleration(OBSERVER.gains(form='paper'))
+    assert HybridAngle.gives_acceleration(HybridAngle.gains())
+    assert not HybridAngle.gives_acceleration(HybridAngle.gains(order=2))
+    assert not HybridAngle.gives_acceleration(HybridAngle.gains(form='paper'))
 
 
 # --- form: paper ------------------------------------------------------------------------------
@@ -120,6 +120,3 @@ def test_the_limit_is_told_in_numbers():
     bandwidth = float(told.rpartition(' ')[2].rstrip(')'))
     assert make(form='paper', bandwidth_hz=0.999 * bandwidth).limit(0.01) is None
     assert make(form='paper', bandwidth_hz=1.001 * bandwidth).limit(0.01) is not None
-
-
-# --- noise ------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 from angle_runs import MARGIN, PHI, TURN, Inner, make, stamps, wrapped
 
 from estimator_pkg.estimate import COASTING, TRACKING
-from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
+from estimator_pkg.observers.angle.hybrid.observer import HybridAngle
 from estimator_pkg.parameters import build
 
 # --- the robust form --------------------------------------------------------------------------
@@ -204,7 +204,7 @@ def test_gains_change_live_without_losing_the_state():
     joint, ns = make(), stamps(t).tolist()
     for k in range(500):
         joint.update(ns[k], y[k])
-    joint.set_gains(build(OBSERVER.gains, {'bandwidth_hz': 5.0, 'M': 0.5, 'max_speed': 100.0}))
+    joint.set_gains(build(HybridAngle.gains, {'bandwidth_hz': 5.0, 'M': 0.5, 'max_speed': 100.0}))
     for k in range(500, 1000):
         joint.update(ns[k], y[k])
         assert joint.estimate()[1] == pytest.approx(40.0, abs=1e-6)
@@ -214,8 +214,3 @@ def test_gains_change_live_without_losing_the_state():
     assert joint.stddev()[0] >= 0.0
     now, then = joint.channel.track.coefficients, slow.channel.track.coefficients
     assert (now.alpha, now.beta, now.gamma) == (then.alpha, then.beta, then.gamma)
-
-
-# --- the low-speed bound ----------------------------------------------------------------------
-
-# --- plain and compiled -----------------------------------------------------------------------

@@ -1,4 +1,0 @@
-# Copyright 2026 velocity_estimator contributors
-# SPDX-License-Identifier: Apache-2.0
-
-"""Super-twisting differentiators."""
