@@ -27,7 +27,6 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.edge import observer as edge_adaptive
 from estimator_pkg.parameters import structural
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter
-from estimator_pkg.sensor.source import agree
 
 LEARNING_WINDOW = 0.5  # shortest time over which gyro and wheels are compared to learn [s]
 PROOF_WINDOWS, PROOF_TURN = 4, 0.2  # windows and turns [rad] that agree, before the gyro is used
@@ -145,7 +144,7 @@ class Rate(NamedTuple):
 
     def agrees(self, other: Rate) -> bool:
         """Return True if both may be the same."""
-        return agree(self.value, other.value, self.variance + other.variance)
+        return (self.value - other.value) ** 2 < GATE * (self.variance + other.variance)
 
     def fused(self, other: Rate) -> Rate:
         """Return the mean of two independent rates, by their variances."""

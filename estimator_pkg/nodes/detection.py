@@ -229,7 +229,10 @@ class Detector:
         found = {}
         if selected:
             found['missing'] = faults.absent(
-                selected, each.topic_name, carried, "set 'joints' to names of the topic"
+                selected,
+                each.topic_name,
+                carried,
+                f'set {self._stream.NAMED_IN} to names of the topic',
             )
         for kind in set(self._missed.values()):
             joints = [name for name, its in self._missed.items() if its == kind]

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
@@ -58,7 +57,6 @@ from estimator_pkg.observers.maths.covariance import (
     update_2,
     update_3,
 )
-from estimator_pkg.observers.maths.informing import FUSE_ANGLE, FUSE_RATE, Fusion, scalar_update
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.record import record
@@ -143,7 +141,6 @@ class Core:
     p: Covariance  # P/R
     started: bool  # after the second sample
     scatter: Scatter  # of the measurement, where R is estimated
-    fusion: Fusion
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
@@ -177,8 +174,6 @@ def forget(core: Core, design: Design, measurement: float) -> None:
     core.acceleration = 0.0 if design.order == 3 else math.nan
     core.started = False
     set_first(core.p)
-    core.fusion.last = core.fusion.mean = 0.0
-    core.fusion.now = False
 
 
 def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
@@ -210,28 +205,6 @@ def correct(core: Core, coefficients: Coefficients, design: Design, measurement:
     core.position = measurement - of_s * innovation
     core.velocity = core.velocity + gained + K1 * innovation
     return innovation
-
-
-def inform(
-    state: Any, coefficients: Coefficients, design: Design, kind: int, value: float, variance: float
-) -> None:
-    """Take what another sensor tells of the present motion; see `maths.informing`."""
-    core = state.core
-    if not core.started or (design.order == 2 and kind != FUSE_RATE):
-        return
-    y = (
-        core.velocity
-        if kind == FUSE_RATE
-        else core.position
-        if kind == FUSE_ANGLE
-        else core.acceleration
-    )
-    r = core.scatter.variance if design.estimated else design.variance
-    x, v, a = scalar_update(core.p, core.fusion, kind, (value - y) / math.sqrt(r), variance / r)
-    core.position += x * math.sqrt(r)
-    core.velocity += v * math.sqrt(r)
-    if design.order == 3:
-        core.acceleration += a * math.sqrt(r)
 
 
 def noise_of_third(alpha: float, beta: float, dt: float) -> tuple[float, float, float]:
