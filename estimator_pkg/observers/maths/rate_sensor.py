@@ -7,8 +7,11 @@
 
 The value w drives the filter, as a gyro drives that of an attitude (Farrenkopf, "Analytic
 steady-state accuracy solutions for two common spacecraft attitude estimators", J. Guidance and
-Control 1(4), 1978). Between two values w is a straight line. After the newest one the speed is
-extrapolated with the mean slope, and its standard deviation grows with the slope's error x age.
+Control 1(4), 1978). Between two values w is a straight line.
+
+The speed has the filtered value: level and slope, with the gain K = P/S. The variance S = P + R of
+the innovations is measured (Mehra 1970), and R follows from third differences of the values. After
+the newest value the speed goes on with the slope; its variance grows by the slope's error x age.
 """
 
 from __future__ import annotations
@@ -25,7 +28,8 @@ from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter,
 UNKNOWN_BIAS = 0.5  # standard deviation of the bias before the first angle [rad/s]
 BIAS_WALK = 3e-4  # of the bias [rad/s per square root of a second]
 SLOPE_TIME = 0.01  # time over which the slope of the values is averaged [s]
-MEMORY = 200.0  # values over which the slope's error is averaged
+MEMORY = 200.0  # values over which the innovations are averaged
+LEAST_GAIN = 0.3  # of a value: R and S are not known better
 PROPORTIONAL = 0.8  # squared correlation of two speeds, one of which is a multiple of the other
 SAME_RATIO = 0.25  # a multiple that differs less is no other ratio
 
@@ -63,15 +67,16 @@ class RateSensor:
         self.ratio, self.period = ratio, period
         self.z, self.P = np.zeros(2), np.diag([0.0, UNKNOWN_BIAS**2])
         self.value, self.stamp_ns = 0.0, 0
-        self._noise, self._variance = Scatter(), 0.0
-        self._slope = 0.0  # of the values [per second]; of its error:
-        self._count = self._square = self._reach = 0.0
+        self._noise, self._R = Scatter(), 0.0  # of the values
+        self._level, self._slope, self._K = 0.0, 0.0, 1.0  # [its unit], [per second], gain
+        self._count = self._S = self._reach = 0.0  # of the innovations: number and mean squares
 
     def start(self, stamp_ns: int, value: float, angle: float, variance: float) -> None:
         """Start at a value, with the joint's angle then [rad] and its variance [rad^2]."""
         self.z[0] = angle
         self.P = np.diag([variance, self.P[1, 1]])
         self.value, self.stamp_ns, self._slope = value, stamp_ns, 0.0
+        self._level, self._K = value, 1.0
         if self._count:
             resume_scatter(self._noise, value)
         else:
@@ -88,7 +93,7 @@ class RateSensor:
         """
         dt = (stamp_ns - self.stamp_ns) * 1e-9
         follow_scatter(self._noise, value, dt, math.inf)
-        self._variance = variance or self._noise.variance
+        self._R = variance or self._noise.variance
         begin, found = 0.0, []
         for each in angles:
             end = (each.stamp_ns - self.stamp_ns) * 1e-9
@@ -96,7 +101,7 @@ class RateSensor:
             found.append(self._correct(each.angle, each.variance))
             begin = end
         self._predict(begin, dt, value, dt)
-        self._follow_slope(value - self.value, dt)
+        self._filter(value, dt)
         self.value, self.stamp_ns = value, stamp_ns
         return found
 
@@ -125,29 +130,32 @@ class RateSensor:
         self.P = self.P - np.outer(K, H @ self.P)
         return nu * nu / S
 
-    def _follow_slope(self, change: float, dt: float) -> None:
-        """Average the slope, and the square of the error that it makes from value to value."""
-        error = change - self._slope * dt
+    def _filter(self, value: float, dt: float) -> None:
+        """Correct level and slope by a value."""
+        predicted = self._level + self._slope * dt
+        nu = value - predicted
         self._count = min(self._count + 1.0, MEMORY)
-        self._square += (error * error - 2.0 * self._variance - self._square) / self._count
+        self._S += (nu * nu - self._S) / self._count
         self._reach += (reach(dt) ** 2 - self._reach) / self._count
-        self._slope += error / max(dt, SLOPE_TIME)
+        self._K = max(1.0 - self._R / self._S, LEAST_GAIN) if self._S > 0.0 else 1.0
+        self._level = predicted + self._K * nu
+        self._slope += nu / max(dt, SLOPE_TIME)
 
     @property
     def noise_variance(self) -> float:
         """Variance of a value's noise, as a speed of the joint [(rad/s)^2]."""
-        return self.ratio * self.ratio * self._variance
+        return self.ratio * self.ratio * self._R
 
     @property
     def slope_variance(self) -> float:
         """Variance of the slope's error, as an acceleration of the joint [(rad/s^2)^2]."""
-        mean = self._square / self._reach if self._count else 0.0
+        mean = (self._S - self._R - self._K * self._R) / self._reach if self._count else 0.0
         return self.ratio * self.ratio * max(mean, 0.0)
 
     def speed(self, age: float) -> tuple[float, float]:
         """Return the joint's speed [rad/s] and its variance, `age` [s] after the newest value."""
-        v = self.ratio * (self.value + self._slope * age) + float(self.z[1])
-        variance = self.noise_variance + float(self.P[1, 1])
+        v = self.ratio * (self._level + self._slope * age) + float(self.z[1])
+        variance = self._K * self.noise_variance + float(self.P[1, 1])
         return v, variance + self.slope_variance * reach(age) ** 2
 
 

@@ -58,7 +58,7 @@ def test_a_gyro_that_pays_is_found_and_its_file_is_used(tmp_path, capsys):
     assert gyro['error_with'] < 0.6 * gyro['error_without']
     capsys.readouterr()
     assert main(['evaluate', path, '--params', str(params)]) == 0
-    assert 'source imu_wheel: used, informs in 9' in ' '.join(capsys.readouterr().out.split())
+    assert 'source imu_wheel: used, informs in 100' in ' '.join(capsys.readouterr().out.split())
 
 
 def test_the_encoder_of_a_motor_is_found(tmp_path):
