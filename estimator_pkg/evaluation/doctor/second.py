@@ -160,7 +160,7 @@ def _values(each: Candidate, moved: ReferenceMotion, period: float) -> tuple[Arr
     values = each.values[kept]
     if each.kind == AS_ANGLE and period:
         values = np.unwrap(values, period=period)
-    return (each.stamps_ns[kept] - start) * 1e-9, values
+    return np.asarray((each.stamps_ns[kept] - start) * 1e-9, np.float64), values
 
 
 def _follows(each: Candidate, moved: ReferenceMotion, period: float) -> float:
@@ -261,7 +261,7 @@ def _judged(
     return text, verdict.rms[WITH] if pays else math.inf, numbers
 
 
-def _parameters_of(numbers: Mapping[str, Any]) -> dict[str, float]:
+def _parameters_of(numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Return ratio and delay as they are written: the ratio to five digits, the delay to 1 us."""
     ratio, delay = numbers['ratio']['value'], numbers['delay']['value']
     return {'ratio': float(f'{ratio:.5g}'), 'delay': round(delay, 6)}
