@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from estimator_pkg import observers
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
-from estimator_pkg.driver.configuration import Configuration, SourceSettings
+from estimator_pkg.driver.configuration import AS_ANGLE, Configuration, SourceSettings
 from estimator_pkg.driver.fused import FusedJoint
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.doctor.second import candidates
 from estimator_pkg.evaluation.text import markdown, number, table
@@ -73,7 +74,7 @@ def _simulated(name: str, settings: dict[str, Any], ratio: float) -> Case:
             truth = joint_series(bag, '/ground_truth/joint_states')['wheel']
             wanted = '/motor/joint_states' if ratio else '/imu'
             *_, second = (each for each in candidates(bag) if each.topic == wanted)
-    source = SourceSettings(kind=second.kind, ratio=ratio, delay=0.0 if ratio else -1.0)
+    source = SourceSettings(kind=second.kind, ratio=ratio or 1.0)
     readings = angle.stamps_ns, angle.position
     return Case(name, *readings, source, second.stamps_ns, second.values, truth.velocity)
 
@@ -93,12 +94,13 @@ def recorded(folder: Path) -> Iterator[Case]:
         time, angle = time[kept], angle[kept]
         rate = np.radians(data[f'all_gyro_2_{axis}'])[kept]
         stamps = 10**18 + np.rint(time * 1e9).astype(np.int64)
-        truth = smoothed(time - time[0], angle, rate)
-        yield Case(path.stem[4:], stamps, angle, SourceSettings(), stamps, rate, truth)
+        truth, ratio, delay = smoothed(time - time[0], angle, rate)
+        source = SourceSettings(ratio=ratio, delay=delay)
+        yield Case(path.stem[4:], stamps, angle, source, stamps, rate, truth)
 
 
-def smoothed(time: Array, angle: Array, rate: Array) -> Array:
-    """Return the velocity [rad/s] by an off-line smoother of an angle and a rate, shape (n,).
+def smoothed(time: Array, angle: Array, rate: Array) -> tuple[Array, float, float]:
+    """Return the velocity [rad/s] by an off-line smoother, shape (n,), ratio and delay [s].
 
     Bias, ratio and delay of the rate are those with the least squares of the angle. The smoother is
     that of Rauch, Tung and Striebel, with a white jerk of the likeliest intensity.
@@ -109,7 +111,7 @@ def smoothed(time: Array, angle: Array, rate: Array) -> Array:
     value = np.interp(time + shift / ratio, time, ratio * rate + bias)
     noise = np.array([QUANTUM**2 / 12.0, max(np.var(np.diff(rate, 2)) / 6.0, 1e-8)])
     runs = [_smoothed(time, np.c_[angle, value], noise, jerk) for jerk in JERKS]
-    return max(runs, key=lambda run: run[0])[1]
+    return max(runs, key=lambda run: run[0])[1], ratio, shift / ratio
 
 
 def _smoothed(time: Array, seen: Array, noise: Array, jerk: float) -> tuple[float, Array]:
@@ -150,9 +152,9 @@ def judged(case: Case) -> dict[str, Any]:
     rows = case.stamps > case.stamps[0] + round(SKIPPED * 1e9)
     error = np.array(found)[rows] - case.velocity[rows, None]
     alone, informed = np.sqrt(np.mean(error**2, axis=0)).tolist()
-    own, single = joint.sensors[0], alone
-    if case.source.ratio:
-        second = FusedJoint(observer, *gains, []).alone.run(case.source_stamps, case.values)
+    own, single = joint.sources[0], alone
+    if case.source.kind == AS_ANGLE:
+        second = Joint(observer, *gains).run(case.source_stamps, case.values)
         of_second = case.source.ratio * second.velocity[rows] - case.velocity[rows]
         single = min(alone, math.sqrt(np.mean(of_second**2)))
     return {

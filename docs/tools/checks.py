@@ -20,7 +20,7 @@ from estimator_pkg.evaluation.text import markdown
 PAGE = Path(__file__).resolve().parents[1] / 'doctor.md'
 SECOND = Check(
     'second sensor',
-    'ratio, bias and delay of a gyro, of another joint that moves with it, of a published '
+    'ratio and delay of a gyro, of another joint that moves with it, of a published '
     'velocity; the error with and without it',
     'never: `--out` has its parameters if it pays (95 %)',
 )

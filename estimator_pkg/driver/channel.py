@@ -387,17 +387,6 @@ def write_deviation(observer: Any, channel: Channel) -> None:
                 inflate(channel.faults, channel.deviation, velocity)
 
 
-def inform(observer: Any, channel: Channel, kind: int, value: float, variance: float) -> None:
-    """Take what another sensor tells of the motion at the newest sample.
-
-    Parameters
-    ----------
-    kind : see `observers.maths.informing`. value, variance : [SI].
-    """
-    track = channel.track
-    observer.inform(track.state, track.coefficients, channel.design, kind, value, variance)
-
-
 def message(
     observer: Any,
     channels: list[Channel],

@@ -36,7 +36,7 @@ class JointSettings(GuardSettings):
     )
 
 
-AS_RATE, AS_ANGLE, AS_ACCELERATION = 'rate', 'angle', 'acceleration'  # kinds of sources
+AS_RATE, AS_ANGLE = 'rate', 'angle'  # kinds of sources
 
 
 @dataclass(frozen=True)
@@ -52,21 +52,22 @@ class SourceSettings:
     )
     kind: str = structural(
         AS_RATE,
-        choices=(AS_RATE, AS_ANGLE, AS_ACCELERATION),
-        description='what the number is: rate (gyro, tachometer, velocity of a drive) [rad/s], '
-        'angle (second encoder) [rad], acceleration (torque over inertia, a command) [rad/s^2]',
+        choices=(AS_RATE, AS_ANGLE),
+        description='what the number is: rate (gyro, tachometer, velocity of a drive) [rad/s] or '
+        'angle (second encoder) [rad]',
     )
     joint: str = structural('', description='the joint that it is of; automatic: every joint')
     ratio: float = structural(
-        0.0,
+        1.0,
         range=(-1e6, 1e6),
-        description="the joint's motion over that of the source; 0: learnt (not of accelerations)",
+        description="the joint's motion over that of the source: 0.0175 of a gyro in deg/s, -1 of "
+        'one that is reversed; `doctor` finds it',
     )
     delay: float = structural(
-        -1.0,
+        0.0,
         unit='s',
-        range=(-1.0, 1.0),
-        description='of its stamps behind those of the angle; below 0: learnt',
+        range=(-0.5, 0.5),
+        description='of its stamps behind those of the angle; `doctor` finds it',
     )
 
 

@@ -1,277 +1,177 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A joint that is measured by further sensors in addition to its angle.
+"""A joint whose speed other sensors measure in addition to its angle.
 
-Two joints run on the same samples: one on the angle alone, the other also fuses the sources. A
-source is fused only while it agrees with the angle alone; else the fused joint
-continues as a copy of the other one, so that no error of a source stays in it.
+The observer has the angle alone. Each source has a filter of its bias, and the speed is the mean of
+what the observer and the sources show, weighted with their inverse variances. Values and readings
+act in the order of their stamps, whatever order they arrive in: a value waits for a reading that is
+not older, and a reading for a value. The newest value is carried forward to the newest reading.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
-from estimator_pkg.circle import nearest_turn, wrap
-from estimator_pkg.driver.configuration import AS_ACCELERATION, AS_ANGLE, SourceSettings
+from estimator_pkg.driver.configuration import AS_ANGLE, SourceSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import TRACKING
-from estimator_pkg.observers.maths.informing import FUSE_ACCELERATION, FUSE_RATE
-from estimator_pkg.sensor.source import (
-    BIAS,
-    SCALE,
-    SHIFT,
-    SourceFilter,
-    X,
-    agree,
-    begin_source,
-    correct_by_angle,
-    follow_source,
-    forget_source,
-    noise_variance,
-    resume_source,
-    speed_of,
-    variance_of_speed,
-)
+from estimator_pkg.observers.maths.rate_sensor import Angle, Comparison, RateSensor
+from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter
 
-DOUBTED = 0.25  # time without agreement after which a source is withheld [s]
-PLAY = 0.8  # the same of a second encoder, which backlash moves [s]
-FADING = 0.2  # time of doubt that each second of agreement takes back [s]
-PROBATION, LONGEST_PROBATION = 1.0, 64.0  # agreement before it informs [s]; doubled each time
-SOURCE_SILENT = 0.5  # time without a value after which it is silent [s]
-BACKLASH_MEMORY = 0.5  # part of the backlash that is remembered from one reversal to the next
-LONGEST_AGE = 2.0  # sample times after which a value is not used
-VARIANCE_GAIN = 4.0  # times the variance of the speed from the angle alone, to be worth it
-SOURCE_QUEUE = 4096  # values that wait for a reading at most
+SILENT = 0.5  # age of the newest value at which a source is silent [s]
+PATIENCE = 2.0  # time in which its first value has to come [s]
+GATE, CLIP = 5.0, 25.0  # of the mean NIS, and of a single one: a glitch is no contradiction
+SPEED_GATE = 25.0  # of the squared difference of two speeds, for a sample; 5 standard deviations
+NIS_TIME, NIS_READINGS = 0.1, 10.0  # the NIS is averaged over the longer of them [s]
+NAMING = 0.4  # time for which speeds are compared, to name what is wrong [s]
+PROBATION, LONGEST_PROBATION = 0.5, 16.0  # agreement before it informs [s]; doubled each time
+MEAN = 0.01  # weight of one sample in a mean over the last 100
+WAITING = 4096  # values or readings that wait at most
 
 
-class SecondSensor:
-    """One source of one joint.
+class Source:
+    """A source of one joint.
 
     Attributes
     ----------
-    source : its estimated bias, ratio and delay. used : True while it informs.
-    reason : why it does not inform; '' while it does.
-    notices : new texts for the user.
-    variance : of the value that `measure` returned last; nan: it returned None.
+    used : True while it informs. notices : new texts for the user.
     """
 
-    def __init__(self, name: str, settings: SourceSettings, own: Joint | None) -> None:
-        self.name, self.settings, self._own = name, settings, own
-        self.source = SourceFilter()
-        begin_source(self.source, settings.ratio, settings.delay)
-        self._queue: list[tuple[int, float]] = []
-        self._doubt, self._proof, self._agrees_ns = 0.0, PROBATION, 0
-        self._knows = self.used = False
-        self._sense = self._shift = self._turned = self._way = self._backlash = 0.0
-        self.reason, self.notices = 'no value yet', list[str]()
-        self.variance = math.nan
+    def __init__(self, name: str, settings: SourceSettings, joint: Joint) -> None:
+        self.name, self.used, self.notices = name, False, list[str]()
+        self._settings, self._period = settings, joint.settings.wrap_period
+        own = joint.observer, joint.observer.gains(), joint.settings
+        self._encoder = Joint(*own) if settings.kind == AS_ANGLE else None
+        self._reason, self._named = 'no value yet', ''
+        self._share, self._proof = 0.0, PROBATION
+        self.restart()
+
+    def restart(self) -> None:
+        """Start as if no value and no reading had come."""
+        self.filter = RateSensor(self._settings.ratio, self._period)
+        self._values = deque[tuple[int, float, float]](maxlen=WAITING)
+        self._angles = deque[Angle](maxlen=WAITING)
+        self._newest_ns = self._first_ns = self._agrees_ns = self._doubted_ns = 0
+        self._nis, self._comparison = 0.0, Comparison(self._settings.ratio)
+        self.used = False
 
     def receive(self, stamp_ns: int, value: float) -> None:
-        """Queue a value for the joint's next reading."""
-        if math.isfinite(value) and stamp_ns > self.source.stamp_ns:
-            self._queue.append((stamp_ns, value))
-            del self._queue[:-SOURCE_QUEUE]
-
-    def _follow(self, until_ns: int) -> None:
-        """Filter the queued values up to this time [ns]."""
-        source = self.source
-        late = 0
-        for stamp_ns, value in self._queue:
-            if stamp_ns > until_ns:
-                break
-            late += 1
-            if stamp_ns <= source.stamp_ns:
-                continue
-            moved, variance = math.nan, 0.0
-            if self._own is not None:  # an angle: its displacement and its speed
-                before = self._own.estimate()[0] if self._own.running else math.nan
-                if not self._own.update(stamp_ns, value):
-                    continue
-                position, value, _, status = self._own.estimate()
-                variance = self._own.stddev()[1] ** 2
-                if status != TRACKING or not 0.0 < variance < math.inf or math.isnan(before):
-                    source.stamp_ns = 0
-                    continue
-                period = self._own.settings.wrap_period
-                moved = (
-                    nearest_turn(position - before, 0.0, period) if period else position - before
-                )
-                self._play(moved, value, variance, period)
-            follow_source(source, stamp_ns, value, moved, variance)
-        del self._queue[:late]
-
-    def _play(self, moved: float, speed: float, variance: float, period: float) -> None:
-        """Measure the backlash between two encoders: their shift from one reversal to the next.
-
-        Parameters
-        ----------
-        moved : displacement of the source since its last value. speed, variance : of the source.
-        period : wrap period [rad]; 0: none.
-        """
-        source, known = self.source, self.source.known
-        if speed * self._sense <= 0.0 and speed * speed > 4.0 * variance:
-            shift = known[X] - self._turned
-            width = abs(wrap(shift - self._shift, period))
-            width -= math.sqrt(source.readings)  # what readings alone shift
-            self._backlash = max(width, BACKLASH_MEMORY * self._backlash) if self._sense else 0.0
-            self._sense, self._shift, self._way = math.copysign(1.0, speed), shift, 0.0
-        self._turned += known[SCALE] * moved
-        self._way += abs(known[SCALE] * moved)
+        """Queue a value for the joint's readings."""
+        stamp_ns -= round(self._settings.delay * 1e9)
+        if stamp_ns < self._newest_ns - round(SILENT * 1e9):  # the clock jumped
+            self.restart()
+        if not math.isfinite(value) or stamp_ns <= self._newest_ns:
+            return
+        self._newest_ns, variance, encoder = stamp_ns, 0.0, self._encoder
+        if encoder is not None:
+            if not encoder.update(stamp_ns, value) or encoder.estimate()[3] != TRACKING:
+                return
+            value, variance = encoder.estimate()[1], encoder.stddev()[1] ** 2
+        self._values.append((stamp_ns, value, variance))
 
     def measure(
-        self, alone: Joint, fused: float, acceleration: float, stamp_ns: int, reading: float
-    ) -> float | None:
-        """Return the joint's speed [rad/s] (or acceleration) by the source; None: it is not used.
+        self, angle: Angle, speed: float, sigma: float, mean_dt: float
+    ) -> tuple[float, float] | None:
+        """Return the joint's speed [rad/s] and its variance by the source; None: it is not used.
 
         Parameters
         ----------
-        alone : the joint on its angle alone. fused : fused speed [rad/s].
-        acceleration : of the joint [rad/s^2]. reading : of its angle [rad].
+        angle : the newest. speed, sigma : from the angle alone, and its deviation [rad/s].
+        mean_dt : between readings [s].
         """
-        self._follow(stamp_ns)
-        self.variance = math.nan
-        source = self.source
-        angle, speed, _, status = alone.estimate()
-        if status != TRACKING or source.stamp_ns == 0:
-            self._knows = False
-            return None
-        since = (stamp_ns - source.stamp_ns) * 1e-9
-        if since > SOURCE_SILENT and self.used:
-            self.used, self.reason = False, 'silent'
-            self.notices.append(
-                f'{self.name} is silent for {since:.2g} s and is not used: check its publisher'
-            )
-        if not source.news or since > LONGEST_AGE * source.dt:
-            return None
-        sigma_x, sigma_v = alone.stddev()
-        if math.isinf(sigma_x + sigma_v):  # the angle alone does not know yet
-            return None
-        if self.settings.kind == AS_ACCELERATION:
-            return self._accelerate(speed, fused, sigma_v * sigma_v, stamp_ns)
-        if not self._knows:
-            source.readings = max(source.readings, sigma_x * sigma_x)
-            forget_source(source, angle)
-            self._sense = 0.0
-            if self._own is not None:
-                source.p[BIAS][BIAS] = 0.0  # encoders do not drift
-            self._knows, self._agrees_ns, source.news = True, stamp_ns, False
-            return None
-        if self._way < self._backlash:  # between the two encoders: it shows nothing of the joint
-            resume_source(source, angle)
-            source.news = False
-            return None
-        fits = correct_by_angle(
-            source,
-            stamp_ns,
-            reading,
-            angle,
-            speed * alone.mean_dt,
-            sigma_x * sigma_x,
-            alone.settings.wrap_period,
-        )
-        measured = speed_of(source, since, acceleration)
-        variance = variance_of_speed(source)
-        plays = self._own is not None  # backlash lies between two encoders: both may be right
-        if plays and not fits:
-            resume_source(source, angle)
-        if not agree(measured, speed, variance + sigma_v * sigma_v):
-            self._doubt += source.dt
-            resume_source(source, angle)
-            if self._doubt < (PLAY if plays else DOUBTED):
-                return None
-        elif fits:
-            self._doubt = max(0.0, self._doubt - FADING * source.dt)
-        if (not fits and not plays) or self._doubt >= (PLAY if plays else DOUBTED):
-            self._withhold(
-                f'it measures {measured:.4g} rad/s, the angle shows {speed:.4g} +- {sigma_v:.2g} '
-                'rad/s',
-                stamp_ns,
-            )
-            return None
-        agreed = (stamp_ns - self._agrees_ns) * 1e-9
-        proven = self.used or agreed >= self._proof
-        if not proven or variance * VARIANCE_GAIN > sigma_v * sigma_v:
-            if proven and not self.used and not self.reason.startswith('withheld'):
-                self.reason = (
-                    f'not used: standard deviation {math.sqrt(variance):.2g} rad/s, that of the '
-                    f'angle alone is {sigma_v:.2g} rad/s'
-                )
-            return None
-        if self.reason.startswith(('withheld', 'silent')):
-            self.notices.append(f'{self.name} agrees again and is used')
-        elif agreed > LONGEST_PROBATION:
-            self._proof = PROBATION
-        self.used, self.reason, self.variance = True, '', variance
-        return measured
+        self._first_ns = self._first_ns or angle.stamp_ns
+        self._angles.append(angle)
+        self._take_values(angle, speed, sigma, min(mean_dt / NIS_TIME, 1.0 / NIS_READINGS))
+        found, age = None, (angle.stamp_ns - self.filter.stamp_ns) * 1e-9
+        if age > SILENT:
+            self._note_silence(angle.stamp_ns)
+        else:
+            v, variance = self.filter.speed(age)
+            if self._doubted_ns:
+                self._comparison.add(v, speed, sigma)
+                self._name_fault(angle.stamp_ns)
+            elif angle.stamp_ns - self._agrees_ns >= self._proof * 1e9:
+                self.used = True
+                self._report('', 'agrees again and is used')
+                if (v - speed) ** 2 < SPEED_GATE * (variance + sigma * sigma):
+                    found = v, variance
+        informs = found is not None and found[1] < sigma * sigma
+        self._share += MEAN * (informs - self._share)
+        return found
 
-    def _accelerate(
-        self, alone: float, fused: float, variance: float, stamp_ns: int
-    ) -> float | None:
-        """Return the acceleration by the source while the fused speed agrees with the angle.
+    def _take_values(self, now: Angle, speed: float, sigma: float, weight: float) -> None:
+        """Filter values and angles up to this angle, in the order of their stamps."""
+        while self._values and self._values[0][0] <= now.stamp_ns:
+            stamp_ns, value, variance = self._values.popleft()
+            angles = []
+            while self._angles and self._angles[0].stamp_ns <= stamp_ns:
+                angles.append(self._angles.popleft())
+            if self.filter.stamp_ns and not self._doubted_ns:
+                for nis in self.filter.take(stamp_ns, value, angles, variance):
+                    self._nis += weight * (min(nis, CLIP) - self._nis)
+                if self._nis > GATE:
+                    self._doubt(now.stamp_ns)
+            if not self.filter.stamp_ns or self._doubted_ns:
+                age = (now.stamp_ns - stamp_ns) * 1e-9
+                at = now.angle - speed * age
+                self.filter.start(stamp_ns, value, at, now.variance + (sigma * age) ** 2)
+                self._agrees_ns, self._nis = stamp_ns, 0.0
 
-        Parameters
-        ----------
-        alone, fused : speed from the angle alone, and fused [rad/s]. variance : of the former.
-        """
-        source = self.source
-        source.news = False
-        if not self._knows:
-            source.known[SCALE], self._knows, self._agrees_ns = self.settings.ratio, True, stamp_ns
-        self._doubt = max(0.0, self._doubt - FADING * source.dt)
-        apart = self.used and not agree(alone, fused, variance)
-        if apart:  # shows late, as the fused joint continues from the angle alone
-            self._doubt += DOUBTED / 3.0
-        if self._doubt >= DOUBTED:
-            self._withhold(
-                f'with it the speed is {fused:.4g} rad/s, the angle shows {alone:.4g} rad/s',
-                stamp_ns,
-            )
-        if apart or (stamp_ns - self._agrees_ns) * 1e-9 < self._proof or not self._knows:
-            return None
-        self.used, self.reason, self.variance = True, '', noise_variance(source)
-        return source.known[SCALE] * source.value
-
-    def _withhold(self, seen: str, stamp_ns: int) -> None:
-        """Stop using the source until it has agreed for `_proof` seconds."""
+    def _doubt(self, now_ns: int) -> None:
+        """Withhold the source, with a new filter, and begin to compare the speeds."""
         if self.used:
-            self.notices.append(
-                f'{self.name} is withheld: {seen}; check its joint, sign, ratio and stamps'
-            )
-            self.reason, self._proof = (
-                f'withheld: {seen}',
-                min(2.0 * self._proof, LONGEST_PROBATION),
-            )
-        elif not self.reason.startswith('withheld'):
-            self.reason = f'not used: {seen}'
-        self._knows = self.used = False
-        self._doubt, self.variance = 0.0, math.nan
+            self._proof = min(2.0 * self._proof, LONGEST_PROBATION)
+        self._doubted_ns, self.used = now_ns, False
+        self.filter = RateSensor(self._settings.ratio, self._period)
+        self._comparison = Comparison(self._settings.ratio)
 
-    def learnt(self) -> dict[str, tuple[float, float, str]]:
-        """Return the learnt quantities by name: value, standard deviation, unit."""
-        known, p = self.source.known, self.source.p
-        ratio, shift = known[SCALE], known[SHIFT]
-        if ratio == 0.0:  # nothing is known yet
-            return {}
-        found = {
-            'bias': (known[BIAS], p[BIAS][BIAS], ' rad/s'),
-            'ratio': (ratio, p[SCALE][SCALE], ''),
-            'delay': (shift / ratio, p[SHIFT][SHIFT] / (ratio * ratio), ' s'),
-        }
-        return {k: (value, math.sqrt(p), unit) for k, (value, p, unit) in found.items() if p > 0.0}
+    def _name_fault(self, now_ns: int) -> None:
+        """Report what is wrong, once the speeds have been compared for long enough."""
+        if now_ns - self._doubted_ns >= NAMING * 1e9:
+            self._doubted_ns, self._agrees_ns, text = 0, now_ns, self._comparison.text()
+            self._report(' '.join(text.split()[:2]), f'withheld: {text}')
+
+    def _note_silence(self, now_ns: int) -> None:
+        """Stop the filter, and report a source without values that are new enough."""
+        if self.filter.stamp_ns:
+            self._first_ns, self.filter.stamp_ns, self.used = self.filter.stamp_ns, 0, False
+        elif now_ns - self._first_ns < PATIENCE * 1e9:
+            return
+        topic, passed = self._settings.topic or self.name, (now_ns - self._first_ns) * 1e-9
+        text = f'silent: no value on {topic} for {passed:.1f} s; check topic, field and publisher'
+        ahead = (self._newest_ns - now_ns) * 1e-9
+        if self._newest_ns and abs(ahead) > PATIENCE:
+            text += f', and its clock: its newest stamp is {ahead:+.1f} s from that of the angle'
+        self._report('silent', text)
+
+    def _report(self, kind: str, reason: str) -> None:
+        """Keep why the source does not inform; tell the user if the kind of reason changes."""
+        if kind != self._named:
+            self.notices.append(f'{self.name} {"is " * bool(kind)}{reason}')
+        self._named, self._reason = kind, reason
 
     def text(self) -> str:
-        """Return its state and the learnt quantities, for people."""
-        if not self._knows:
-            return self.reason
-        learnt = [f'{k} {v:.4g} +- {s:.1g}{unit}' for k, (v, s, unit) in self.learnt().items()]
-        return ', '.join([self.reason or 'used', *learnt])
+        """Return its state, for people."""
+        if not self.used:
+            return self._reason
+        b, P = self.filter.z[1], self.filter.P[1, 1]
+        return (
+            f'used, informs in {100.0 * self._share:.0f} of 100 samples, '
+            f'bias {b:.4g} +- {math.sqrt(P):.1g} rad/s'
+        )
 
 
 class FusedJoint:
-    """A `Joint` that other sensors inform; all other attributes are those of the angle alone."""
+    """A `Joint` that sources inform; all other attributes are those of the angle alone.
+
+    Attributes
+    ----------
+    alone : the joint on its angle alone. sources : by number.
+    """
 
     compiled = memory = None  # its messages are taken one by one
 
@@ -283,97 +183,58 @@ class FusedJoint:
         sources: Sequence[tuple[int, str, SourceSettings]],
     ):
         self.alone = Joint(observer, gains, settings)
-        self.fused = Joint(observer, gains, settings)
-        self.sensors = {
-            number: SecondSensor(
-                name,
-                each,
-                Joint(observer, observer.gains(), settings) if each.kind == AS_ANGLE else None,
-            )
-            for number, name, each in sources
-        }
-        self._variance = math.nan  # of the speed by all sources that inform
+        self.sources = {number: Source(name, each, self.alone) for number, name, each in sources}
+        self._scatter = Scatter()  # of the readings
+        self._speed = self._sigma = math.nan  # with the sources [rad/s]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.alone, name)
 
     def receive(self, number: int, stamp_ns: int, value: float) -> None:
         """Take a value of a source."""
-        if number in self.sensors:
-            self.sensors[number].receive(stamp_ns, value)
+        if number in self.sources:
+            self.sources[number].receive(stamp_ns, value)
 
     def update(self, stamp_ns: int, measurement: float, known_input: float = 0.0) -> bool:
         """See `Joint`."""
-        used = self.alone.update(stamp_ns, measurement)
-        self.fused.update(stamp_ns, measurement)
-        if not used:
+        before_ns, period = self.alone.stamp_ns, self.alone.settings.wrap_period
+        if not self.alone.update(stamp_ns, measurement, known_input):
             return False
-        weight, came, fused_any = 0.0, False, False  # weight: sum of 1/variance
-        reading = self.alone.in_estimate_convention(measurement)
-        acceleration = self.alone.estimate()[2]
-        fused = self.fused.estimate()[1]
-        acceleration = acceleration if math.isfinite(acceleration) else 0.0
-        for sensor in self.sensors.values():
-            before = sensor.source.stamp_ns
-            value = sensor.measure(self.alone, fused, acceleration, stamp_ns, reading)
-            judged = sensor.source.stamp_ns != before and not sensor.source.news
-            came = came or judged or not sensor.used
-            if value is not None:
-                rate = sensor.settings.kind != AS_ACCELERATION
-                self._inform(FUSE_RATE if rate else FUSE_ACCELERATION, value, sensor.variance)
-                weight += rate / sensor.variance
-                fused_any = True
-        self._variance = 1.0 / weight if weight > 0.0 else math.nan
-        if came and not fused_any:
-            self._go_on_alone()
+        if not 0 < before_ns < stamp_ns:  # the first one, or the clock jumped
+            begin_scatter(self._scatter, measurement)
+            for source in self.sources.values():
+                source.restart()
+        else:
+            dt = (stamp_ns - before_ns) * 1e-9
+            follow_scatter(self._scatter, measurement, dt, period or math.inf)
+        _, self._speed, _, status = self.alone.estimate()
+        _, self._sigma = self.alone.stddev()
+        if status == TRACKING and 0.0 < self._sigma < math.inf:
+            self._fuse(Angle(stamp_ns, measurement, self._scatter.variance))
         return True
 
-    def _inform(self, kind: int, value: float, variance: float) -> None:
-        fused = self.fused
-        if fused.memory is not None:
-            fused.compiled.inform(fused.memory.pointer, kind, value, variance)
-        else:
-            fused.plain.inform(fused.module, fused._channel, kind, value, variance)
-
-    def _go_on_alone(self) -> None:
-        """Continue the fused joint as a copy of the other one."""
-        if self.fused.memory is not None:
-            self.fused.memory.array[:] = self.alone.memory.array
-        else:
-            self.fused._channel.take(self.alone._channel)
+    def _fuse(self, angle: Angle) -> None:
+        """Weight the speeds by the angle and by the sources with their inverse variances."""
+        speed, sigma = self._speed, self._sigma
+        speeds = [(speed, sigma * sigma)]
+        for source in self.sources.values():
+            found = source.measure(angle, speed, sigma, self.alone.mean_dt)
+            if found is not None:
+                speeds.append(found)
+        information = sum(1.0 / variance for _, variance in speeds)
+        self._speed = sum(speed / variance for speed, variance in speeds) / information
+        self._sigma = math.sqrt(1.0 / information)
 
     def estimate(self) -> tuple[float, float, float, int]:
-        """See `Joint`."""
-        return self.fused.estimate()
+        """See `Joint`; the speed is that with the sources."""
+        position, speed, acceleration, status = self.alone.estimate()
+        return position, self._speed if status == TRACKING else speed, acceleration, status
 
     def stddev(self) -> tuple[float, float]:
-        """See `Joint`; fused, the variance is that of sources and angle combined."""
-        position, velocity = self.fused.stddev()
-        if self._variance >= 0.0:
-            alone = self.alone.stddev()[1]
-            velocity = alone * math.sqrt(self._variance / (self._variance + alone * alone))
-        return position, velocity
+        """See `Joint`."""
+        return self.alone.stddev()[0], self._sigma
 
     def samples(self) -> dict[str, Any]:
         """See `Joint`; in addition the state of each source."""
-        states = {each.name: each.text() for each in self.sensors.values()}
+        states = {each.name: each.text() for each in self.sources.values()}
         return {**self.alone.samples(), 'sources': states}
-
-    def set_gains(self, gains: Any) -> None:
-        """See `Joint`."""
-        self.alone.set_gains(gains)
-        self.fused.set_gains(gains)
-
-    def set_settings(self, settings: Any) -> None:
-        """See `Joint`."""
-        self.alone.set_settings(settings)
-        self.fused.set_settings(settings)
-
-    def reset(self) -> None:
-        """See `Joint`; bias, ratio and delay of the sources stay."""
-        self.alone.reset()
-        self.fused.reset()
-
-    def warm_up(self) -> None:
-        """See `Joint`."""
-        self.alone.warm_up()

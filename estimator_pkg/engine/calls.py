@@ -43,7 +43,6 @@ class Functions:
     """The compiled functions of one observer."""
 
     take: Any
-    inform: Any
     write_estimate: Any
     write_deviation: Any
     message: Any

@@ -77,8 +77,6 @@ def _of_observers(sources: Sources, points: Iterable[str]) -> Iterator[Entry]:
         if kind not in CHANNELS:  # plain Python runs them
             continue
         channel, functions = CHANNELS[kind]
-        if sources.member(observer, 'inform'):  # another sensor may inform it
-            functions = (*functions, 'inform')
         for function in functions:
             name = c_name(observer.path, function)
             yield Entry(channel, function, {'observer': observer.path}, name)

@@ -170,6 +170,7 @@ class Detector:
                 'names': called(missing),
                 'topic': measured.topic_name,
                 'meant': meant and f'{meant} ',
+                'named': stream.NAMED_IN,
                 'carried': listed(sorted(carried)) or 'no names',
             }
 

@@ -96,7 +96,7 @@ FAULTS = (
         'missing',
         'a joint that the messages do not carry',
         '{topic} does not carry {names}',
-        "{meant}correct 'joints' or 'per_joint' (it carries {carried})",
+        "{meant}correct {named} or 'per_joint' (it carries {carried})",
     ),
     Fault(
         'twice',

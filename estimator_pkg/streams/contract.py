@@ -202,8 +202,9 @@ class Stream(ABC):
     SEPARATE : each joint can be estimated without the others.
     IN_ARRAYS : `run` takes all samples of a joint at once.
     USUAL : usual topics of the family in a bag.
-    KEPT, UNUSED, MISMATCH, WRONG : texts: the word for a joint, why messages are unused by the
-        kind of `unused`, why they are mismatched, and descriptions of further counters.
+    KEPT, NAMED_IN, UNUSED, MISMATCH, WRONG : texts: the word for a joint, the parameters that name
+        joints, why messages are unused by the kind of `unused`, why they are mismatched, and
+        descriptions of further counters.
     wanted : True for each output that is to be made.
     received, malformed : numbers of messages by port. answered : messages with an estimate.
     skip : True if a message with a joint that has no estimate is not answered.
@@ -222,6 +223,7 @@ class Stream(ABC):
     IN_ARRAYS: ClassVar[bool] = False
     USUAL: ClassVar[tuple[str, ...]] = ('/joint_states',)
     KEPT: ClassVar[str] = 'joint'
+    NAMED_IN: ClassVar[str] = "'joints'"
     UNUSED: ClassVar[Mapping[str, str]] = {
         'empty': 'carry no position and are dropped: publish positions, or remap the input to a '
         'topic that has them'

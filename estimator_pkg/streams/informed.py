@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
-from estimator_pkg.driver.configuration import AS_ACCELERATION, Configuration, SourceSettings
+from estimator_pkg.driver.configuration import Configuration, SourceSettings
 from estimator_pkg.driver.fused import FusedJoint
-from estimator_pkg.errors import UsageError
+from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.field import Field
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
@@ -24,43 +23,30 @@ class InformedBank(Bank):
 
     sources: Mapping[str, SourceSettings]
 
-    def of_joint(self, joint: str) -> list[tuple[int, str, SourceSettings]]:
-        """Return (number, name, settings) of each source of a joint."""
-        return [
-            (number, name, source)
-            for number, (name, source) in enumerate(self.sources.items())
-            if source.joint in ('', joint)
-        ]
-
     def _make(self, name: str) -> Any:
+        own = [
+            (number, source, settings)
+            for number, (source, settings) in enumerate(self.sources.items())
+            if settings.joint in ('', name)
+        ]
         return FusedJoint(
-            self.configuration.observer, *self.configuration.for_joint(name), self.of_joint(name)
+            self.configuration.observer, *self.configuration.for_joint(name), sources=own
         )
 
 
 class InformedStream(AngleStream):
     """See `Stream`."""
 
+    NAMED_IN = "'joints' and 'source.<name>.joint'"
+    bank: InformedBank
+
     def __init__(self, settings: AngleSettings, configuration: Configuration) -> None:
         self._sources: Mapping[str, SourceSettings] = {
-            name.split('.', 1)[1]: source for name, source in settings.groups.items()
+            name.partition('.')[2]: source for name, source in settings.groups.items()
         }
-        if not hasattr(configuration.observer, 'inform'):
-            able = ', '.join(
-                name
-                for name in observers.of_kind('angle')
-                if hasattr(observers.find(name), 'inform')
-            )
-            raise UsageError(
-                f"'sources': observer '{configuration.observer.name}' takes no other sensor: use "
-                f'one of {able}'
-            )
         for name, source in self._sources.items():
-            if source.kind == AS_ACCELERATION and source.ratio == 0.0:
-                raise UsageError(
-                    f"'source.{name}.ratio' of an acceleration is not learnt: set it (1.0 for one "
-                    'in rad/s^2)'
-                )
+            if source.ratio == 0.0:
+                raise UsageError(f"'source.{name}.ratio' is 0: set it ('doctor' finds it in a bag)")
         super().__init__(settings, configuration)
         self._fields: list[Field] = []
 
@@ -104,16 +90,36 @@ class InformedStream(AngleStream):
         """See `Stream`: messages of several topics are taken one by one."""
         return None
 
+    # Texts
+
+    def needed(self) -> set[str]:
+        """See `Stream`."""
+        return super().needed() | self._named()
+
+    def _named(self) -> set[str]:
+        """Return the joints that sources name."""
+        return {each.joint for each in self._sources.values() if each.joint}
+
     def about(self, name: str) -> Mapping[str, Any]:
         """See `Stream`."""
-        sensors = self.bank.joints[name].sensors.values()
-        return {**super().about(name), **{f'source {each.name}': each.text() for each in sensors}}
+        sources = self.bank.joints[name].sources.values()
+        return {**super().about(name), **{f'source {each.name}': each.text() for each in sources}}
 
     def notices(self) -> list[str]:
         """See `Stream`."""
         found = super().notices()
         for name, joint in self.bank.joints.items():
-            for sensor in joint.sensors.values():
-                found += [f'{name}: {notice}' for notice in sensor.notices]
-                sensor.notices.clear()
+            for source in joint.sources.values():
+                found += [f'{name}: {notice}' for notice in source.notices]
+                source.notices.clear()
         return found
+
+    def finish(self, path: str) -> list[str]:
+        """See `Stream`; joints of the sources must exist."""
+        missing = sorted(self._named() - set(self.bank.joints))
+        if missing:
+            raise UserError(
+                f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}', which a source "
+                f'measures: {suggestion(missing[0], self.bank.joints)}'
+            )
+        return super().finish(path)

@@ -11,11 +11,11 @@ from estimator_pkg.errors import UserError
 
 BOUNDS = {
     'gyro, noise 0.005 rad/s': 0.15,
-    'gyro, noise 0.02 rad/s': 0.47,
-    'gyro, noise 0.3 rad/s': 1.02,
-    'motor encoder, backlash 0.1 deg': 1.02,
-    'motor encoder, backlash 0.5 deg': 0.85,
-    'motor encoder, backlash 2.0 deg': 0.65,
+    'gyro, noise 0.02 rad/s': 0.3,
+    'gyro, noise 0.3 rad/s': 1.0,
+    'motor encoder, backlash 0.1 deg': 1.15,
+    'motor encoder, backlash 0.5 deg': 1.02,
+    'motor encoder, backlash 2.0 deg': 1.02,
 }
 
 
@@ -35,7 +35,9 @@ def test_the_smoother_of_both_is_better_than_either_and_finds_the_delay():
     late = time - 0.011
     gyro = (2.0 * np.cos(4.0 * late) + np.cos(1.3 * late) - 0.05) / 0.9
     gyro += 0.03 * rng.standard_normal(len(time))
-    error = second.smoothed(time, read, gyro) - speed
+    velocity, ratio, delay = second.smoothed(time, read, gyro)
+    error = velocity - speed
+    assert abs(ratio - 0.9) < 0.01 and abs(delay - 0.011) < 0.001
     assert np.std(error[50:-50]) < 0.5 * 0.03 and abs(np.mean(error)) < 0.005
 
 

@@ -96,10 +96,6 @@ def angle(name, random):
     joint = joints[0]
     run(joint, stamps, readings[:, 0])
     joint.run(stamps, readings[:, 0])
-    for value in (*BAD, *random.normal(0.0, 3.0, 20)) if hasattr(joint.compiled, 'inform') else ():
-        joint.update(joint.stamp_ns + 10**6, float(random.normal()))
-        kind, variance = int(random.integers(3)), 10.0 ** random.uniform(-9.0, 3.0)
-        joint.compiled.inform(joint.memory.pointer, kind, value, variance)
     line = Line('abc', joints)
     for stamp, row in zip(stamps.tolist(), readings.tolist()):
         line.take(stamp, row)

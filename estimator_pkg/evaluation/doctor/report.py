@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import observers, yaml_text
+from estimator_pkg import yaml_text
 from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation import parameter_file, plots
 from estimator_pkg.evaluation.checks.readings import Readings, to_mend
@@ -63,7 +63,7 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
             found[name] = [f'No ranking: {why}. {keep}']
         else:
             found[name] = sentences(name, each.answer, choice)
-        if _sources([each], choice):
+        if each.sources:
             lines = ', '.join(f'{k}: {yaml_text.scalar(v)}' for k, v in each.sources.items())
             found[name].append(f'Use the second sensor with {lines}.')
     period = {each.readings.name: each.readings.period for each in examined}
@@ -72,12 +72,6 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
     common = [sentence for sentence in next(iter(found.values()), []) if sentence in same]
     found = {name: [each for each in said if each not in same] for name, said in found.items()}
     return found | ({ALL_JOINTS: common} if common else {})
-
-
-def _sources(examined: Sequence[Examined], choice: Choice) -> dict[str, Any]:
-    """Return the parameters of second sensors, if the observer takes them."""
-    informed = hasattr(observers.find(choice.observer), 'inform')
-    return second.together([each.sources for each in examined]) if informed else {}
 
 
 def text(examined: Sequence[Examined], choice: Choice) -> str:
@@ -170,7 +164,8 @@ def as_yaml(
         lines.append(f'{how}, the default: no joint moves enough to compare observers.')
     for name, said in verdicts(examined, choice).items():
         lines += [f'{name or "joint"}: {sentence}' for sentence in said[:2]]
-    values = {'observer': choice.observer} | dict(settings) | _sources(examined, choice)
+    sources = second.together([each.sources for each in examined])
+    values = {'observer': choice.observer} | dict(settings) | sources
     gains = {
         each.readings.name: dict(choice.gains.get(each.readings.name, {})) for each in examined
     }

@@ -3,9 +3,9 @@
 
 """Second sensors of a joint in a bag: gyros, other joints that move with it, its own velocity.
 
-Those that follow the joint run as `sources` of `joint_observer` would, each alone. They are judged
-as observers are, by the off-line reference from the angle. It does not know the source, so the
-error with a source is an upper bound.
+Ratio and delay of those that follow the joint are fitted to the off-line reference from the angle.
+With them they run as `sources` of `joint_observer` would, each alone, and are judged as observers
+are. The reference does not know the source, so the error with a source is an upper bound.
 """
 
 from __future__ import annotations
@@ -46,6 +46,8 @@ TRIED_FIRST = 2_500  # of them before the sensor was used once
 MOST_SENSORS = 3  # sensors of a joint that are run
 MOST_JOINTS = 64  # of a topic, whose positions are compared with one another
 USED_PART = 0.2  # of the readings, informed by a source that agrees
+FIT_STEPS = 5  # of the fit of the delay
+LARGEST_DELAY = 0.5  # [s]
 WITHOUT, WITH = 'without', 'with'
 
 
@@ -128,7 +130,7 @@ def examine(
     every : those of the bag. motion_hz : see `rank`.
     """
     found: list[Finding] = []
-    best, least = None, math.inf
+    best, least = dict[str, Any](), math.inf
     may = [each for each in every if each.may_measure(seen.name, topic)]
     follows = {id(each): _follows(each, moved, seen.period) for each in may}
     for imu in dict.fromkeys(each.topic for each in may if each.type == IMU):
@@ -147,38 +149,70 @@ def examine(
         text, error, numbers = _judged(each, seen, moved, rows, motion_hz)
         found.append(Finding('second sensor', PASS, text, '', numbers))
         if error < least:
-            least, best = error, each
-    return found, {} if best is None else _parameters(best, seen.name)
+            least, best = error, _parameters(each, seen.name, numbers)
+    return found, best
+
+
+def _values(each: Candidate, moved: ReferenceMotion, period: float) -> tuple[Array, Array]:
+    """Return times after the reference's first reading [s], and values without wraps."""
+    start, end = int(moved.stamps[0]), int(moved.stamps[-1])
+    kept = (each.stamps_ns >= start) & (each.stamps_ns <= end) & np.isfinite(each.values)
+    values = each.values[kept]
+    if each.kind == AS_ANGLE and period:
+        values = np.unwrap(values, period=period)
+    return np.asarray((each.stamps_ns[kept] - start) * 1e-9, np.float64), values
 
 
 def _follows(each: Candidate, moved: ReferenceMotion, period: float) -> float:
     """Return the correlation of its angle or integral with the joint's position, without trends."""
-    start, end = int(moved.stamps[0]), int(moved.stamps[-1])
-    kept = (each.stamps_ns >= start) & (each.stamps_ns <= end) & np.isfinite(each.values)
-    time = (each.stamps_ns[kept] - start) * 1e-9
+    time, angle = _values(each, moved, period)
     if len(time) < FEWEST_VALUES or not np.all(np.diff(time) >= 0.0):
         return 0.0
-    angle = each.values[kept]
     if each.kind == AS_RATE:
         angle = np.cumsum(angle * np.diff(time, prepend=time[0]))
-    elif period:
-        angle = np.unwrap(angle, period=period)
-    other = np.interp(time, (moved.stamps - start) * 1e-9, moved.position)
+    other = np.interp(time, moved.time - moved.time[0], moved.position)
     a, b = (v - np.polyval(np.polyfit(time, v, 1), time) for v in (angle, other))
     size = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
     return abs(float(np.sum(a * b))) / size if size > 0.0 else 0.0
+
+
+def fit(each: Candidate, moved: ReferenceMotion, period: float) -> dict[str, dict[str, float]]:
+    """Return ratio r and delay d [s] with standard deviations, by least squares.
+
+    A value w at time t is (y(t - d) - b)/r, with the joint's velocity or position y: linear in 1/r
+    and b/r, and in -d/r after a first guess of the delay.
+    """
+    time, values = _values(each, moved, period)
+    at = moved.time - moved.time[0]
+    y = moved.velocity if each.kind == AS_RATE else moved.position
+    slope, delay = np.gradient(y, at), 0.0
+    for _ in range(FIT_STEPS):
+        A = np.column_stack(
+            [np.ones_like(time), *(np.interp(time - delay, at, v) for v in (y, slope))]
+        )
+        (_, gain, shift), *_ = np.linalg.lstsq(A, values)
+        delay = float(np.clip(delay - shift / gain, -LARGEST_DELAY, LARGEST_DELAY))
+    residual = values - A @ np.linalg.lstsq(A, values)[0]
+    variance = np.linalg.pinv(A.T @ A).diagonal() * (residual @ residual) / (len(time) - 3)
+    _, of_gain, of_shift = np.sqrt(variance) / abs(gain)
+    return {
+        'ratio': {'value': 1.0 / gain, 'stddev': of_gain / abs(gain)},
+        'delay': {'value': delay, 'stddev': of_shift},
+    }
 
 
 def _judged(
     each: Candidate, seen: Readings, moved: ReferenceMotion, rows: Rows, motion_hz: float | None
 ) -> tuple[str, float, dict[str, Any]]:
     """Return the result in words, the error if it pays (else infinite), and its numbers."""
+    numbers: dict[str, Any] = {'topic': each.topic, 'field': each.field}
+    numbers |= fit(each, moved, seen.period)
     more = {'quantum': seen.own_quantum} if seen.own_quantum else {}
     observer = observers.find(DEFAULT)
     configuration = Configuration(observer, {'wrap_period': seen.period, **more})
-    settings = SourceSettings(kind=each.kind)
+    settings = SourceSettings(kind=each.kind, **_parameters_of(numbers))
     joint = FusedJoint(observer, *configuration.for_joint(''), [(0, each.field, settings)])
-    sensor, at, used = joint.sensors[0], 0, 0
+    source, at, used = joint.sources[0], 0, 0
     made: list[tuple[int, float, float]] = []
     first = int(np.searchsorted(each.arrival_ns, seen.arrival_ns[rows[0]] - 10**9))
     arrived, stamps, values = (
@@ -194,15 +228,17 @@ def _judged(
         if not used and len(made) >= TRIED_FIRST:
             break
         if joint.update(stamp, position):
-            used += sensor.used
+            used += source.used
             informed, alone = joint.estimate(), joint.alone.estimate()
             if informed[3] in VALID and alone[3] in VALID:
                 made.append((stamp, informed[1], alone[1]))
-    lead = f'{each.topic} {each.field}: '
-    numbers: dict[str, Any] = {'topic': each.topic, 'field': each.field, 'used': used / len(rows)}
-    numbers |= {k: {'value': v, 'stddev': s} for k, (v, s, _) in sensor.learnt().items()}
+    numbers['used'] = used / len(rows)
+    lead = f'{each.topic} {each.field}: ' + ''.join(
+        f'{name} {numbers[name]["value"]:.4g} +- {numbers[name]["stddev"]:.1g}{unit}, '
+        for name, unit in (('ratio', ''), ('delay', ' s'))
+    )
     if used < USED_PART * len(rows) or not made:
-        return f'{lead}{sensor.text()}', math.inf, numbers
+        return f'{lead}{source.text()}', math.inf, numbers
     times, *velocities = (np.array(column) for column in zip(*made))
     part = moved.between(int(times[0]) - 1, int(times[-1]))
     estimates = {
@@ -210,7 +246,7 @@ def _judged(
     }
     verdict = rank(estimates, part, WITHOUT, motion_hz)
     if len(verdict.rms) < 2:
-        return f'{lead}{sensor.text()}', math.inf, numbers
+        return f'{lead}{source.text()}', math.inf, numbers
     pays = verdict.better(WITH, WITHOUT) > 0
     numbers |= {
         'error_with': verdict.rms[WITH],
@@ -218,18 +254,24 @@ def _judged(
         'pays': pays,
     }
     text = (
-        f'{lead}{sensor.text()}; error {shown(verdict.rms[WITHOUT])} rad/s rms without it, at most '
+        f'{lead}{source.text()}; error {shown(verdict.rms[WITHOUT])} rad/s rms without it, at most '
         f'{shown(verdict.rms[WITH])} with it: '
         + ('it pays (95 %)' if pays else 'no gain is proven')
     )
     return text, verdict.rms[WITH] if pays else math.inf, numbers
 
 
-def _parameters(each: Candidate, joint: str) -> dict[str, Any]:
+def _parameters_of(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ratio and delay as they are written: the ratio to five digits, the delay to 1 us."""
+    ratio, delay = numbers['ratio']['value'], numbers['delay']['value']
+    return {'ratio': float(f'{ratio:.5g}'), 'delay': round(delay, 6)}
+
+
+def _parameters(each: Candidate, joint: str, numbers: Mapping[str, Any]) -> dict[str, Any]:
     name = re.sub(r'\W+', '_', f'{each.topic}_{joint}').strip('_')
     own = {'topic': each.topic, 'field_type': each.type, 'field': each.field, 'kind': each.kind}
-    if joint:
-        own['joint'] = joint
+    own |= {'joint': joint} if joint else {}
+    own |= _parameters_of(numbers)
     return {'sources': [name]} | {f'source.{name}.{key}': value for key, value in own.items()}
 
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.observers.angle.shared import (
@@ -34,12 +33,6 @@ from estimator_pkg.observers.angle.shared import (
 )
 from estimator_pkg.observers.maths import covariance
 from estimator_pkg.observers.maths.covariance import PRIOR_ACCELERATION, Covariance
-from estimator_pkg.observers.maths.informing import (
-    FUSE_ACCELERATION,
-    FUSE_RATE,
-    Fusion,
-    scalar_update,
-)
 from estimator_pkg.observers.maths.tracking import noise_of_three
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.record import record
@@ -126,7 +119,6 @@ class Kalman(LinearObserver):
         p: Covariance  # P/R
         started: bool  # after the second sample
         scatter: Scatter  # of the measurement, where R is estimated
-        fusion: Fusion
 
     @staticmethod
     def design(gains: Gains, circle: Circle) -> Kalman.Design:
@@ -170,8 +162,6 @@ class Kalman(LinearObserver):
         core.acceleration = 0.0 if design.order == 3 else math.nan
         core.started = False
         covariance.set_first(core.p)
-        core.fusion.last = core.fusion.mean = 0.0
-        core.fusion.now = False
 
     @staticmethod
     def correct(
@@ -216,28 +206,6 @@ class Kalman(LinearObserver):
         if 2.0 * alpha + beta < 4.0 and alpha * (2.0 * beta + gamma) > 2.0 * gamma:
             return noise_of_three(alpha, beta, gamma, dt)
         return alpha, (2.0 - 6.0 * beta * (1.0 - beta)) / (dt * dt), 6.0
-
-    @staticmethod
-    def inform(
-        state: Any,
-        coefficients: Coefficients,
-        design: Design,
-        kind: int,
-        value: float,
-        variance: float,
-    ) -> None:
-        """Take what another sensor tells of the present motion; see `maths.informing`."""
-        core = state.core
-        if not core.started or (design.order == 2 and kind != FUSE_RATE):
-            return
-        y = core.acceleration
-        if kind != FUSE_ACCELERATION:
-            y = core.velocity if kind == FUSE_RATE else core.position
-        r = core.scatter.variance if design.estimated else design.variance
-        x, v, a = scalar_update(core.p, core.fusion, kind, (value - y) / math.sqrt(r), variance / r)
-        core.position += x * math.sqrt(r)
-        core.velocity += v * math.sqrt(r)
-        core.acceleration += a * math.sqrt(r)
 
     @staticmethod
     def group_delay(design: Design, dt: float) -> float:

@@ -36,7 +36,6 @@ from estimator_pkg.observers.angle.edge.covariance import Coefficients, Motion
 from estimator_pkg.observers.angle.edge.start import StartUncertainty
 from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.maths.covariance import Covariance
-from estimator_pkg.observers.maths.informing import FUSE_ANGLE, FUSE_RATE, Fusion, scalar_update
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor import noise as sensing
@@ -134,7 +133,6 @@ class State:
     uncertainty: StartUncertainty
     second: preference.SecondFilter
     reading: Reading
-    fusion: Fusion  # by another sensor
 
 
 def design(gains: Gains, circle: Circle) -> Design:
@@ -251,7 +249,6 @@ def step(
     known_input: float,
 ) -> None:
     """Process one reading [rad]: what it is, when it came, what it shows."""
-    state.fusion.now = False
     if classify_reading(state, design, measurement, coefficients.dt):
         process_reading(state, coefficients, design)
     else:
@@ -542,32 +539,6 @@ def measurement_update(state: State, design: Design, dt: float, flickers: bool) 
     return False
 
 
-def inform(
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    kind: int,
-    value: float,
-    variance: float,
-) -> None:
-    """Fuse a value that another sensor measured; see `maths.informing`."""
-    motion = state.motion
-    if state.tracking.status != TRACKING:
-        return
-    y = (
-        motion.velocity
-        if kind == FUSE_RATE
-        else motion.angle
-        if kind == FUSE_ANGLE
-        else motion.acceleration
-    )
-    x, v, a = scalar_update(state.p, state.fusion, kind, value - y, variance)
-    motion.angle += x
-    motion.velocity += v
-    motion.acceleration += a
-    preference.reset_second_filter(state.second)
-
-
 def confirm_tracking(tracking: Tracking, p11: float, dt: float, floor: float) -> None:
     """Count one more believed reading of a start, a gap or a doubt.
 
@@ -592,7 +563,7 @@ def estimate(
     """Set the estimate."""
     motion, second, sensor = state.motion, state.second, state.sensor
     v = motion.velocity + second.v
-    if sensor.since > 0.0 and not state.fusion.now:
+    if sensor.since > 0.0:
         most = sigma.fastest(sensor)
         v = most if v > most else -most if v < -most else v
     angle = motion.angle + second.x
