@@ -24,6 +24,7 @@ from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference
 from estimator_pkg.observers.angle.edge import start as starts
 from estimator_pkg.observers.angle.edge.bandwidth import ProcessNoise, VelocityRandomWalk
 from estimator_pkg.observers.angle.edge.constants import (
+    ALARM,
     CONFIRMED,
     NOISE_SAMPLES,
     NOISY_ABOVE,
@@ -124,6 +125,9 @@ class Tracking:
     status: int
     count: float  # samples since a start, a gap or a doubt
     time_outside_gate: float  # in which no reading was believed [s]
+    off: float  # distance of the last doubted reading from its prediction [rad]; 0: none
+    jumped: bool  # it was not the reading before
+    waited: float  # time since that reading [s]
 
 
 @record
@@ -353,6 +357,8 @@ def process_reading(state: State, coefficients: Coefficients, design: Design) ->
     if reading.change != 0.0:  # a rest ends, in which samples may have been lost?
         if reading.rested > NOISE_SAMPLES * (pace if 0.0 < pace < dt else dt):
             doubt_velocity_after_rest(state, dt)
+    if state.tracking.off != 0.0 and is_decided(state, dt):
+        return
     innovation, quantum = reading.innovation, state.sensor.quantum
     outside = max(design.outside, LARGEST_SPEED_CHANGE * dt)  # in a long sample a joint may get far
     if (innovation > outside or innovation < -outside) and not is_next_count(
@@ -480,12 +486,17 @@ def doubt_velocity_after_rest(state: State, dt: float) -> None:
         reading.starting = False
 
 
-def coast(state: State) -> None:
-    """Go on with the prediction: the reading is not believed."""
-    state.motion.angle = state.reading.angle - state.reading.innovation
-    if state.tracking.status != INITIALISING:
-        state.tracking.status = COASTING
-    state.tracking.count = 0.0
+def coast(state: State, dt: float) -> None:
+    """Go on with the speed as it was: the reading is not believed."""
+    motion, tracking = state.motion, state.tracking
+    motion.angle = state.reading.angle - state.reading.innovation
+    motion.velocity -= motion.acceleration * dt
+    if tracking.status != INITIALISING:
+        tracking.status = COASTING
+    tracking.count = 0.0
+    if tracking.off == 0.0:
+        tracking.off, tracking.waited = state.reading.innovation, 0.0
+        tracking.jumped = state.reading.change != 0.0
 
 
 def reject_outlier(state: State, design: Design, dt: float) -> None:
@@ -495,7 +506,7 @@ def reject_outlier(state: State, design: Design, dt: float) -> None:
     if tracking.time_outside_gate > LOST_AFTER or SIGMAS * SIGMAS * state.p.p00 > outside * outside:
         reset_motion(state, state.reading.angle)
     else:
-        coast(state)
+        coast(state, dt)
 
 
 def correct(state: State, design: Design, dt: float) -> None:
@@ -550,9 +561,46 @@ def measurement_update(state: State, design: Design, dt: float, flickers: bool) 
         # what moved before was residue, or this is a glitch: the next reading decides
         state.steps.jump = reading.change
         starts.doubt_speed(state, reading.change, dt, 0.0, 0.0)
-    motion.velocity -= motion.acceleration * dt  # it is not extrapolated meanwhile
-    coast(state)
+    coast(state, dt)
     return False
+
+
+def is_decided(state: State, dt: float) -> bool:
+    tracking, reading = state.tracking, state.reading
+    tracking.waited += dt
+    innovation, off = reading.innovation, tracking.off
+    if tracking.jumped and reading.change == 0.0 and tracking.waited < starts.RESTS:
+        coast(state, dt)  # an unchanged reading confirms nothing
+        return True
+    tracking.off = 0.0
+    if (
+        reading.change != 0.0
+        and innovation * off > 0.0
+        and abs(innovation) > 0.5 * abs(off)
+        and 2.0 * dt > state.sensor.mean_sample_time
+    ):
+        begin_after_doubt(state, off, tracking.waited)
+        return True
+    return False
+
+
+def begin_after_doubt(state: State, off: float, dt: float) -> None:
+    reading, motion, p, sensor = state.reading, state.motion, state.p, state.sensor
+    r = sensor.quantum * sensor.quantum / 12.0 + sensor.noise
+    rate = 1.0 / dt
+    jump = (reading.innovation - off) * rate
+    motion.angle, motion.idle = reading.angle, 0.0
+    bandwidth.reset_velocity_walk(state.velocity_walk)
+    bandwidth.reset_cusum(state.process_noise)
+    motion.velocity += jump
+    p.p22 += 0.25 * jump * rate * jump * rate
+    p.p00, p.p01, p.p02 = r, r * rate, 0.0
+    p.p11 = 2.0 * r * rate * rate + jump * jump
+    p.p12 = 0.5 * p.p22 * dt
+    preference.reset_second_filter(state.second)
+    process = state.process_noise
+    process.mean_nis += (ALARM * ALARM - process.mean_nis) / NOISE_SAMPLES
+    confirm_tracking(state.tracking, p.p11, dt, 12.0 * r)
 
 
 def inform(
