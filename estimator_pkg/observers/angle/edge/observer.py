@@ -581,6 +581,8 @@ def is_decided(state: State, dt: float) -> bool:
     ):
         begin_after_doubt(state, off, tracking.waited)
         return True
+    if abs(innovation) < 0.5 * abs(off):
+        bandwidth.reset_cusum(state.process_noise)  # it was alone
     return False
 
 
