@@ -34,7 +34,6 @@ from estimator_pkg.observers.angle.edge.constants import (
     ALARM,
     NOISE_SAMPLES,
     NOISY_ABOVE,
-    OUTLIER_QUANTA,
     SHARE,
     SIGMAS,
     SLACK,
@@ -78,10 +77,13 @@ def reset_process_noise(process: ProcessNoise, density: float) -> None:
 
 def reset_cusum(process: ProcessNoise) -> None:
     """Forget the innovations so far, except for their mean square."""
-    process.filtered_innovation = process.cusum_positive = process.cusum_negative = (
-        process.up_time
-    ) = process.down_time = 0.0
-    process.variance = 1.0
+    process.filtered_innovation, process.variance = 0.0, 1.0
+    reset_sums(process)
+
+
+def reset_sums(process: ProcessNoise) -> None:
+    """Set both cumulative sums to zero."""
+    process.cusum_positive = process.cusum_negative = process.up_time = process.down_time = 0.0
 
 
 def reset_velocity_walk(walk: VelocityRandomWalk) -> None:
@@ -163,12 +165,7 @@ def inflate_for_manoeuvre(state: Any, d: float, date: float, dt: float, flickers
     if noisy:
         date += 1.5 * SIGMAS / ALARM * (date / dt - 2.0) * date
     date += dt
-    if flickers:
-        most = OUTLIER_QUANTA * sensor.quantum
-        if -most < d < most and p.p11 > 0.0:
-            # flicker that begins again: it moved in all the time that is remembered
-            date = max(date, math.sqrt(p.p00 / p.p11))
-    elif state.reading.noise_known:
+    if not flickers and state.reading.noise_known:
         # without what cell and noise may hide; where edges are times the next is news anyway
         hidden = 0.5 * sensor.quantum + SIGMAS * math.sqrt(sensor.noise_bound)
         beyond = abs(d) - hidden

@@ -18,22 +18,21 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg.circle import Circle, is_next_count, wrap
+from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.circle import is_angle as is_reading  # noqa: F401
 from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference, sigma
 from estimator_pkg.observers.angle.edge import start as starts
 from estimator_pkg.observers.angle.edge.bandwidth import ProcessNoise, VelocityRandomWalk
 from estimator_pkg.observers.angle.edge.constants import (
-    ALARM,
     CONFIRMED,
     NOISE_SAMPLES,
     NOISY_ABOVE,
     RATIO,
     REPEATS,
     RESTED_PART,
-    SIGMAS,
 )
 from estimator_pkg.observers.angle.edge.covariance import Coefficients, Motion
+from estimator_pkg.observers.angle.edge.doubt import Tracking, coast, confirm, decide
 from estimator_pkg.observers.angle.edge.sigma import deviation  # noqa: F401
 from estimator_pkg.observers.angle.edge.start import StartUncertainty
 from estimator_pkg.observers.angle.edge.update import update
@@ -47,11 +46,6 @@ from estimator_pkg.sensor import noise as sensing
 from estimator_pkg.sensor import quantum as counts
 from estimator_pkg.sensor import sampling
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
-from estimator_pkg.sensor.outliers import LARGEST_SPEED_CHANGE
-
-LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
-OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft
-HASTY = 4.0  # first sample times: where the second is longer, the stamps of the first were wrong
 
 SINGLE_ANGLE = True
 EDGES = True
@@ -88,7 +82,6 @@ class Design:
 
     period: float  # wrap period [rad]; 0: none
     half_turn: float  # [rad]; inf: there is no circle
-    outside: float  # innovation that is no reading of this shaft [rad]; inf: there is no circle
     unwrap: bool  # turns are counted from the first sample
     quantum: float  # as given [rad]; 0: not known
     ratio: float  # density of the published filter, over that of the first; see `preference`
@@ -110,24 +103,11 @@ class Reading:
     start_velocity_variance: float  # before this reading [(rad/s)^2]
     noise_known: bool  # the first motion is long ago
     evidence: float  # that the sensor has another clock, before this reading
-    observed_range: float  # of all readings before [rad]
     rested: float  # time for which the reading had not changed [s]
     previous_change: float  # of the reading before [rad]
     predicted_motion: float  # in this sample [rad]
     unpredicted_motion: float  # change of the reading beyond that [rad]
     innovation: float  # distance from the predicted angle [rad]
-
-
-@record
-class Tracking:
-    """Whether the readings are those of the shaft."""
-
-    status: int
-    count: float  # samples since a start, a gap or a doubt
-    time_outside_gate: float  # in which no reading was believed [s]
-    off: float  # distance of the last doubted reading from its prediction [rad]; 0: none
-    jumped: bool  # it was not the reading before
-    waited: float  # time since that reading [s]
 
 
 @record
@@ -154,7 +134,6 @@ def design(gains: Gains, circle: Circle) -> Design:
     made, period = Design(), float(circle.period)
     made.period, made.unwrap = period, circle.unwrap
     made.half_turn = 0.5 * period if period > 0.0 else math.inf
-    made.outside = OUTSIDE * period if period > 0.0 else math.inf
     made.quantum = float(gains.quantum)
     made.ratio, made.of_angle, made.of_speed = preference.ratios(RATIO[gains.prefer])
     made.log_ratio = math.log(made.ratio)
@@ -207,7 +186,7 @@ def reset_motion(state: State, measurement: float) -> None:
     covariance.set_covariance(state.p, quantum * quantum / 12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     bandwidth.reset_process_noise(state.process_noise, 0.0)
     state.tracking.status, state.tracking.count = INITIALISING, 1.0
-    state.tracking.time_outside_gate = 0.0
+    state.tracking.off = 0.0
     bandwidth.reset_velocity_walk(state.velocity_walk)
     preference.reset_second_filter(state.second)
 
@@ -246,7 +225,6 @@ def resume(
         variance = innovation * innovation / (dt * dt)
     bandwidth.reset_cusum(state.process_noise)
     sensing.begin_differences(sensor)
-    state.steps.jump = 0.0
     follow_convention(state.convention, measurement, design.period)
     if state.tracking.status == TRACKING:
         state.tracking.status = COASTING
@@ -276,35 +254,22 @@ def step(
 
 
 def classify_reading(state: State, design: Design, measurement: float, dt: float) -> bool:
-    """Classify a reading; return False if it is an old one, published again.
-
-    Residue: a jump far beyond the range of all readings before was a glitch if the next reading
-    undoes it, else the first real step.
-    """
-    reading, motion, sensor = state.reading, state.motion, state.sensor
-    steps, clock, last = state.steps, state.clock, state.convention.last
-    change = measurement - last
+    """Classify a reading; return False if it is an old one, published again."""
+    reading, motion, sensor, clock = state.reading, state.motion, state.sensor, state.clock
+    change = measurement - state.convention.last
     if not -design.half_turn <= change < design.half_turn:
         change = wrap(change, design.period)
     starting = state.uncertainty.edges_to_settle > 0.0
-    lasts = starting and steps.jump * (change + 0.5 * steps.jump) > 0.0
-    if starting and not lasts and steps.jump != 0.0:
-        change += steps.jump
-    if change == 0.0 and not lasts and abs(motion.velocity) * dt > REPEATS * sensor.quantum:
+    if change == 0.0 and abs(motion.velocity) * dt > REPEATS * sensor.quantum:
         is_tracking = state.tracking.status == TRACKING
         if sampling.is_repeat(clock, motion, state.p, sensor.mean_sample_time, is_tracking, dt):
             return False
     if starting:
         starts.pass_time(state.uncertainty, dt)
-        if lasts:
-            accept_jump(state, design, last, dt)
-        else:
-            steps.jump = 0.0
     reading.angle, reading.change = measurement, change
     reading.start_velocity_variance, reading.starting = state.uncertainty.variance, starting
     reading.noise_known = state.uncertainty.time_since_first_motion >= starts.START_DURATION
     reading.evidence = clock.evidence
-    reading.observed_range = state.convention.high - state.convention.low
     reading.rested, reading.previous_change = sensor.since, sensor.step
     reading.repeat_duration = clock.repeat_duration
     reading.passed = clock.repeat_duration + dt
@@ -313,25 +278,6 @@ def classify_reading(state: State, design: Design, measurement: float, dt: float
             clock, change, reading.passed, sensor.mean_sample_time, motion.velocity
         )
     return True
-
-
-def accept_jump(state: State, design: Design, last: float, dt: float) -> None:
-    """Accept the jump before this reading as the first step: all before it was residue.
-
-    Parameters
-    ----------
-    last : the reading after the jump [rad].
-    """
-    steps, motion, jump = state.steps, state.motion, state.steps.jump
-    counts.begin_steps(steps)
-    counts.follow_steps(steps, jump, 0.0, dt, 0.0, design.quantum, math.inf)
-    quantum = counts.quantum_of(steps, design.quantum)
-    motion.angle = last - 0.5 * jump  # at the edge
-    motion.velocity = motion.acceleration = motion.idle = 0.0
-    starts.set_covariance_at_rest(state, quantum)
-    sensing.first_step(state.sensor, quantum, jump, dt)
-    starts.doubt_speed(state, jump, dt, 0.0, 0.0)
-    preference.reset_second_filter(state.second)
 
 
 def predict_through_repeat(state: State, coefficients: Coefficients, design: Design) -> None:
@@ -347,26 +293,19 @@ def predict_through_repeat(state: State, coefficients: Coefficients, design: Des
 def process_reading(state: State, coefficients: Coefficients, design: Design) -> None:
     """Process a reading whose time is known: learn the sensor, predict, correct."""
     reading, dt = state.reading, coefficients.dt
-    pace, previous = state.sensor.mean_sample_time, state.sensor.dt
+    pace = state.sensor.mean_sample_time
     learn_sensor(state, design)
     unknown = reading.starting or reading.first or state.p.p02 == 0.0
-    if unknown and shows_line(state, design, dt, pace, previous):
+    if unknown and shows_line(state, design, dt):
         starts.begin_line(state)
         return
     predict(state, coefficients, design, pace)
     if reading.change != 0.0:  # a rest ends, in which samples may have been lost?
         if reading.rested > NOISE_SAMPLES * (pace if 0.0 < pace < dt else dt):
             doubt_velocity_after_rest(state, dt)
-    if state.tracking.off != 0.0 and is_decided(state, dt):
+    if state.tracking.off != 0.0 and decide(state, dt):
         return
-    innovation, quantum = reading.innovation, state.sensor.quantum
-    outside = max(design.outside, LARGEST_SPEED_CHANGE * dt)  # in a long sample a joint may get far
-    if (innovation > outside or innovation < -outside) and not is_next_count(
-        innovation, quantum, design.period
-    ):
-        reject_outlier(state, design, dt)
-    else:
-        correct(state, design, dt)
+    correct(state, design, dt)
 
 
 def learn_sensor(state: State, design: Design) -> None:
@@ -415,20 +354,15 @@ def rescale(state: State, quantum: float, first: bool) -> None:
         p.p11, p.p12, p.p22 = p.p11 * scale, p.p12 * scale, p.p22 * scale
 
 
-def shows_line(state: State, design: Design, dt: float, pace: float, previous: float) -> bool:
+def shows_line(state: State, design: Design, dt: float) -> bool:
     """Return True if this reading shows the line of a start.
 
-    The second reading; the third where that came too soon; the second that moves on after a rest;
-    or the first that moves so early that it shows the quantum alone.
-
-    Parameters
-    ----------
-    pace, previous : mean sample time, and the sample time before this one [s].
+    The second reading; the second that moves on after a rest; or the first that moves so early that
+    it shows the quantum alone.
     """
     reading, p = state.reading, state.p
     return (
         p.p11 == 0.0
-        or (p.p02 == 0.0 and pace == 0.0 and dt > HASTY * previous and previous > 0.0)
         or (
             reading.starting
             and reading.previous_change * reading.change > 0.0
@@ -486,29 +420,6 @@ def doubt_velocity_after_rest(state: State, dt: float) -> None:
         reading.starting = False
 
 
-def coast(state: State, dt: float) -> None:
-    """Go on with the speed as it was: the reading is not believed."""
-    motion, tracking = state.motion, state.tracking
-    motion.angle = state.reading.angle - state.reading.innovation
-    motion.velocity -= motion.acceleration * dt
-    if tracking.status != INITIALISING:
-        tracking.status = COASTING
-    tracking.count = 0.0
-    if tracking.off == 0.0:
-        tracking.off, tracking.waited = state.reading.innovation, 0.0
-        tracking.jumped = state.reading.change != 0.0
-
-
-def reject_outlier(state: State, design: Design, dt: float) -> None:
-    """Reject a reading an eighth of a turn away: none of this shaft, or not of this speed."""
-    outside, tracking = design.outside, state.tracking
-    tracking.time_outside_gate += dt
-    if tracking.time_outside_gate > LOST_AFTER or SIGMAS * SIGMAS * state.p.p00 > outside * outside:
-        reset_motion(state, state.reading.angle)
-    else:
-        coast(state, dt)
-
-
 def correct(state: State, design: Design, dt: float) -> None:
     """Correct by a reading: random walk, noise that hides single edges, what an edge shows."""
     reading, motion, p, sensor = state.reading, state.motion, state.p, state.sensor
@@ -534,7 +445,8 @@ def correct(state: State, design: Design, dt: float) -> None:
     # most readings are plainly no news: no edge, and none was expected
     inside = -half <= reading.unpredicted_motion <= half and -half <= innovation <= half
     if not inside or flickers or 12.0 * p.p00 > square:
-        if not measurement_update(state, design, dt, flickers):
+        if not update(state, design, flickers, dt):
+            coast(state, dt)
             walk.mean, walk.last, walk.before = mean, last, before
             return
         if motion.idle == 0.0 and abs(2.0 * motion.velocity) * dt > design.period > 0.0:
@@ -545,64 +457,8 @@ def correct(state: State, design: Design, dt: float) -> None:
     if reading.starting and reading.change != 0.0:
         starts.settle(state, noise, dt)
     if tracking.status != TRACKING:
-        confirm_tracking(tracking, p.p11, dt, square + 12.0 * noise)
+        confirm(tracking, p.p11, dt, square + 12.0 * noise)
     motion.angle = reading.angle - reading.innovation
-
-
-def measurement_update(state: State, design: Design, dt: float, flickers: bool) -> bool:
-    """Update by what a reading shows of the angle; return False if it is not believed."""
-    reading, motion, quantum = state.reading, state.motion, state.sensor.quantum
-    if update(state, design, flickers, dt):
-        return True
-    if (
-        quantum != design.quantum
-        and abs(reading.change) > counts.RESIDUE_RATIO * reading.observed_range
-    ):
-        # what moved before was residue, or this is a glitch: the next reading decides
-        state.steps.jump = reading.change
-        starts.doubt_speed(state, reading.change, dt, 0.0, 0.0)
-    coast(state, dt)
-    return False
-
-
-def is_decided(state: State, dt: float) -> bool:
-    tracking, reading = state.tracking, state.reading
-    tracking.waited += dt
-    innovation, off = reading.innovation, tracking.off
-    if tracking.jumped and reading.change == 0.0 and tracking.waited < starts.RESTS:
-        coast(state, dt)  # an unchanged reading confirms nothing
-        return True
-    tracking.off = 0.0
-    if (
-        reading.change != 0.0
-        and innovation * off > 0.0
-        and abs(innovation) > 0.5 * abs(off)
-        and 2.0 * dt > state.sensor.mean_sample_time
-    ):
-        begin_after_doubt(state, off, tracking.waited)
-        return True
-    if abs(innovation) < 0.5 * abs(off):
-        bandwidth.reset_cusum(state.process_noise)  # it was alone
-    return False
-
-
-def begin_after_doubt(state: State, off: float, dt: float) -> None:
-    reading, motion, p, sensor = state.reading, state.motion, state.p, state.sensor
-    r = sensor.quantum * sensor.quantum / 12.0 + sensor.noise
-    rate = 1.0 / dt
-    jump = (reading.innovation - off) * rate
-    motion.angle, motion.idle = reading.angle, 0.0
-    bandwidth.reset_velocity_walk(state.velocity_walk)
-    bandwidth.reset_cusum(state.process_noise)
-    motion.velocity += jump
-    p.p22 += 0.25 * jump * rate * jump * rate
-    p.p00, p.p01, p.p02 = r, r * rate, 0.0
-    p.p11 = 2.0 * r * rate * rate + jump * jump
-    p.p12 = 0.5 * p.p22 * dt
-    preference.reset_second_filter(state.second)
-    process = state.process_noise
-    process.mean_nis += (ALARM * ALARM - process.mean_nis) / NOISE_SAMPLES
-    confirm_tracking(state.tracking, p.p11, dt, 12.0 * r)
 
 
 def inform(
@@ -629,18 +485,6 @@ def inform(
     motion.velocity += v
     motion.acceleration += a
     preference.reset_second_filter(state.second)
-
-
-def confirm_tracking(tracking: Tracking, p11: float, dt: float, floor: float) -> None:
-    """Count one more believed reading of a start, a gap or a doubt.
-
-    Parameters
-    ----------
-    p11 : variance of the speed. floor : twelve times the variance of a reading [rad^2].
-    """
-    tracking.count += 1.0
-    if tracking.count >= CONFIRMED and p11 * dt * dt < floor:
-        tracking.status, tracking.time_outside_gate = TRACKING, 0.0
 
 
 def estimate(
