@@ -34,6 +34,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     ALARM,
     NOISE_SAMPLES,
     NOISY_ABOVE,
+    OUTLIER_QUANTA,
     SHARE,
     SIGMAS,
     SLACK,
@@ -165,7 +166,12 @@ def inflate_for_manoeuvre(state: Any, d: float, date: float, dt: float, flickers
     if noisy:
         date += 1.5 * SIGMAS / ALARM * (date / dt - 2.0) * date
     date += dt
-    if not flickers and state.reading.noise_known:
+    if flickers:
+        most = OUTLIER_QUANTA * sensor.quantum
+        if -most < d < most and p.p11 > 0.0:
+            # flicker that begins again: it moved in all the time that is remembered
+            date = max(date, math.sqrt(p.p00 / p.p11))
+    elif state.reading.noise_known:
         # without what cell and noise may hide; where edges are times the next is news anyway
         hidden = 0.5 * sensor.quantum + SIGMAS * math.sqrt(sensor.noise_bound)
         beyond = abs(d) - hidden

@@ -47,6 +47,8 @@ from estimator_pkg.sensor import quantum as counts
 from estimator_pkg.sensor import sampling
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 
+HASTY = 4.0  # first sample times: where the second is longer, the stamps of the first were wrong
+
 SINGLE_ANGLE = True
 EDGES = True
 TURNS = True
@@ -228,7 +230,7 @@ def resume(
     follow_convention(state.convention, measurement, design.period)
     if state.tracking.status == TRACKING:
         state.tracking.status = COASTING
-    state.tracking.count = 0.0
+    state.tracking.count = state.tracking.off = 0.0
     bandwidth.reset_velocity_walk(state.velocity_walk)
     starts.set_start_uncertainty(
         state.uncertainty, variance, starts.SETTLES, state.uncertainty.time_since_first_motion, 0.0
@@ -293,10 +295,10 @@ def predict_through_repeat(state: State, coefficients: Coefficients, design: Des
 def process_reading(state: State, coefficients: Coefficients, design: Design) -> None:
     """Process a reading whose time is known: learn the sensor, predict, correct."""
     reading, dt = state.reading, coefficients.dt
-    pace = state.sensor.mean_sample_time
+    pace, previous = state.sensor.mean_sample_time, state.sensor.dt
     learn_sensor(state, design)
     unknown = reading.starting or reading.first or state.p.p02 == 0.0
-    if unknown and shows_line(state, design, dt):
+    if unknown and shows_line(state, design, dt, pace, previous):
         starts.begin_line(state)
         return
     predict(state, coefficients, design, pace)
@@ -354,15 +356,20 @@ def rescale(state: State, quantum: float, first: bool) -> None:
         p.p11, p.p12, p.p22 = p.p11 * scale, p.p12 * scale, p.p22 * scale
 
 
-def shows_line(state: State, design: Design, dt: float) -> bool:
+def shows_line(state: State, design: Design, dt: float, pace: float, previous: float) -> bool:
     """Return True if this reading shows the line of a start.
 
-    The second reading; the second that moves on after a rest; or the first that moves so early that
-    it shows the quantum alone.
+    The second reading; the third where that came too soon; the second that moves on after a rest;
+    or the first that moves so early that it shows the quantum alone.
+
+    Parameters
+    ----------
+    pace, previous : mean sample time, and the sample time before this one [s].
     """
     reading, p = state.reading, state.p
     return (
         p.p11 == 0.0
+        or (p.p02 == 0.0 and pace == 0.0 and dt > HASTY * previous and previous > 0.0)
         or (
             reading.starting
             and reading.previous_change * reading.change > 0.0

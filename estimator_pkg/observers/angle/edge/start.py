@@ -95,6 +95,7 @@ def begin_line(state: Any) -> None:
             uncertainty, 0.0, SETTLES, uncertainty.time_since_first_motion, uncertainty.age
         )
     state.tracking.count += 1.0
+    state.tracking.off = 0.0
     bandwidth.reset_velocity_walk(state.velocity_walk)
     preference.reset_second_filter(state.second)
 
