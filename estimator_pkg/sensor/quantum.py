@@ -19,7 +19,6 @@ LAST_DIGIT = 1e-6  # of the reading: smaller steps are a float32's last digit
 LARGEST_READING = 1e3  # [rad or m] but of no more than this: a wheel turns on, and its steps stay
 RESIDUE_PART = 1e-3  # of the quantum: a change by less is rounding residue, and no motion
 FINEST_QUANTUM = 1e-10  # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
-RESIDUE_RATIO = 1e3  # times the range of all readings before: those before were residue
 FINER_STEPS = 2.0  # a smaller step than the given quantum is believed when it came twice
 CONFIRMING_STEPS = 8.0  # readings that show the quantum, before it may be larger than before
 STRAY_STEPS = 3.0  # the first of them, which a stray reading makes by itself: there, back, and on
@@ -50,13 +49,12 @@ class Steps:
     least: float  # the smallest of these but the first `STRAY_STEPS` [rad]
     left: float  # readings for which the search goes on
     finer: float  # steps that were finer than the given quantum
-    jump: float  # the last step [rad], if above `RESIDUE_RATIO` times the range before; else 0
 
 
 def begin_steps(steps: Steps) -> None:
     """Set the steps before anything has moved."""
     steps.smallest = steps.candidate = steps.least = math.inf
-    steps.shown = steps.finer = steps.jump = 0.0
+    steps.shown = steps.finer = 0.0
     steps.left = SEARCH
 
 
@@ -87,7 +85,6 @@ def follow_steps(
             shows = True
             if bend < found:
                 found = bend
-    steps.jump = 0.0
     if found <= grain:
         return
     if found < FINER * given and steps.finer < FINER_STEPS:

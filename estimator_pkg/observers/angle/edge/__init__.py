@@ -38,7 +38,6 @@ class EdgeAdaptive(Observer):
     deviation = staticmethod(sigma.deviation)
     resume = staticmethod(law.resume)
     restart = staticmethod(law.restart)
-    inform = staticmethod(law.inform)
     why = staticmethod(law.why)
 
     @staticmethod

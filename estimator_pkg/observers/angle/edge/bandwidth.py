@@ -78,10 +78,13 @@ def reset_process_noise(process: ProcessNoise, density: float) -> None:
 
 def reset_cusum(process: ProcessNoise) -> None:
     """Forget the innovations so far, except for their mean square."""
-    process.filtered_innovation = process.cusum_positive = process.cusum_negative = (
-        process.up_time
-    ) = process.down_time = 0.0
-    process.variance = 1.0
+    process.filtered_innovation, process.variance = 0.0, 1.0
+    reset_sums(process)
+
+
+def reset_sums(process: ProcessNoise) -> None:
+    """Set both cumulative sums to zero."""
+    process.cusum_positive = process.cusum_negative = process.up_time = process.down_time = 0.0
 
 
 def reset_velocity_walk(walk: VelocityRandomWalk) -> None:

@@ -18,7 +18,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg.circle import Circle, is_next_count, wrap
+from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING, Estimate
 from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference, sigma
 from estimator_pkg.observers.angle.edge import start as starts
@@ -30,9 +30,9 @@ from estimator_pkg.observers.angle.edge.constants import (
     RATIO,
     REPEATS,
     RESTED_PART,
-    SIGMAS,
 )
 from estimator_pkg.observers.angle.edge.covariance import Coefficients, Motion
+from estimator_pkg.observers.angle.edge.doubt import Tracking, coast, confirm, decide
 from estimator_pkg.observers.angle.edge.start import StartUncertainty
 from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.maths.covariance import Covariance
@@ -42,10 +42,7 @@ from estimator_pkg.sensor import noise as sensing
 from estimator_pkg.sensor import quantum as counts
 from estimator_pkg.sensor import sampling
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
-from estimator_pkg.sensor.outliers import LARGEST_SPEED_CHANGE
 
-LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
-OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft
 HASTY = 4.0  # first sample times: where the second is longer, the stamps of the first were wrong
 
 
@@ -78,7 +75,6 @@ class Design:
 
     period: float  # wrap period [rad]; 0: none
     half_turn: float  # [rad]; inf: there is no circle
-    outside: float  # innovation that is no reading of this shaft [rad]; inf: there is no circle
     unwrap: bool  # turns are counted from the first sample
     quantum: float  # as given [rad]; 0: not known
     ratio: float  # density of the published filter, over that of the first; see `preference`
@@ -100,21 +96,11 @@ class Reading:
     start_velocity_variance: float  # before this reading [(rad/s)^2]
     noise_known: bool  # the first motion is long ago
     evidence: float  # that the sensor has another clock, before this reading
-    observed_range: float  # of all readings before [rad]
     rested: float  # time for which the reading had not changed [s]
     previous_change: float  # of the reading before [rad]
     predicted_motion: float  # in this sample [rad]
     unpredicted_motion: float  # change of the reading beyond that [rad]
     innovation: float  # distance from the predicted angle [rad]
-
-
-@record
-class Tracking:
-    """Whether the readings are those of the shaft."""
-
-    status: int
-    count: float  # samples since a start, a gap or a doubt
-    time_outside_gate: float  # in which no reading was believed [s]
 
 
 @record
@@ -140,7 +126,6 @@ def design(gains: Gains, circle: Circle) -> Design:
     made, period = Design(), float(circle.period)
     made.period, made.unwrap = period, circle.unwrap
     made.half_turn = 0.5 * period if period > 0.0 else math.inf
-    made.outside = OUTSIDE * period if period > 0.0 else math.inf
     made.quantum = float(gains.quantum)
     made.ratio, made.of_angle, made.of_speed = preference.ratios(RATIO[gains.prefer])
     made.log_ratio = math.log(made.ratio)
@@ -188,7 +173,7 @@ def reset_motion(state: State, measurement: float) -> None:
     covariance.set_covariance(state.p, quantum * quantum / 12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     bandwidth.reset_process_noise(state.process_noise, 0.0)
     state.tracking.status, state.tracking.count = INITIALISING, 1.0
-    state.tracking.time_outside_gate = 0.0
+    state.tracking.off = 0.0
     bandwidth.reset_velocity_walk(state.velocity_walk)
     preference.reset_second_filter(state.second)
 
@@ -227,11 +212,10 @@ def resume(
         variance = innovation * innovation / (dt * dt)
     bandwidth.reset_cusum(state.process_noise)
     sensing.begin_differences(sensor)
-    state.steps.jump = 0.0
     follow_convention(state.convention, measurement, design.period)
     if state.tracking.status == TRACKING:
         state.tracking.status = COASTING
-    state.tracking.count = 0.0
+    state.tracking.count = state.tracking.off = 0.0
     bandwidth.reset_velocity_walk(state.velocity_walk)
     starts.set_start_uncertainty(
         state.uncertainty, variance, starts.SETTLES, state.uncertainty.time_since_first_motion, 0.0
@@ -256,35 +240,22 @@ def step(
 
 
 def classify_reading(state: State, design: Design, measurement: float, dt: float) -> bool:
-    """Classify a reading; return False if it is an old one, published again.
-
-    Residue: a jump far beyond the range of all readings before was a glitch if the next reading
-    undoes it, else the first real step.
-    """
-    reading, motion, sensor = state.reading, state.motion, state.sensor
-    steps, clock, last = state.steps, state.clock, state.convention.last
-    change = measurement - last
+    """Classify a reading; return False if it is an old one, published again."""
+    reading, motion, sensor, clock = state.reading, state.motion, state.sensor, state.clock
+    change = measurement - state.convention.last
     if not -design.half_turn <= change < design.half_turn:
         change = wrap(change, design.period)
     starting = state.uncertainty.edges_to_settle > 0.0
-    lasts = starting and steps.jump * (change + 0.5 * steps.jump) > 0.0
-    if starting and not lasts and steps.jump != 0.0:
-        change += steps.jump
-    if change == 0.0 and not lasts and abs(motion.velocity) * dt > REPEATS * sensor.quantum:
+    if change == 0.0 and abs(motion.velocity) * dt > REPEATS * sensor.quantum:
         is_tracking = state.tracking.status == TRACKING
         if sampling.is_repeat(clock, motion, state.p, sensor.mean_sample_time, is_tracking, dt):
             return False
     if starting:
         starts.pass_time(state.uncertainty, dt)
-        if lasts:
-            accept_jump(state, design, last, dt)
-        else:
-            steps.jump = 0.0
     reading.angle, reading.change = measurement, change
     reading.start_velocity_variance, reading.starting = state.uncertainty.variance, starting
     reading.noise_known = state.uncertainty.time_since_first_motion >= starts.START_DURATION
     reading.evidence = clock.evidence
-    reading.observed_range = state.convention.high - state.convention.low
     reading.rested, reading.previous_change = sensor.since, sensor.step
     reading.repeat_duration = clock.repeat_duration
     reading.passed = clock.repeat_duration + dt
@@ -293,25 +264,6 @@ def classify_reading(state: State, design: Design, measurement: float, dt: float
             clock, change, reading.passed, sensor.mean_sample_time, motion.velocity
         )
     return True
-
-
-def accept_jump(state: State, design: Design, last: float, dt: float) -> None:
-    """Accept the jump before this reading as the first step: all before it was residue.
-
-    Parameters
-    ----------
-    last : the reading after the jump [rad].
-    """
-    steps, motion, jump = state.steps, state.motion, state.steps.jump
-    counts.begin_steps(steps)
-    counts.follow_steps(steps, jump, 0.0, dt, 0.0, design.quantum, math.inf)
-    quantum = counts.quantum_of(steps, design.quantum)
-    motion.angle = last - 0.5 * jump  # at the edge
-    motion.velocity = motion.acceleration = motion.idle = 0.0
-    starts.set_covariance_at_rest(state, quantum)
-    sensing.first_step(state.sensor, quantum, jump, dt)
-    starts.doubt_speed(state, jump, dt, 0.0, 0.0)
-    preference.reset_second_filter(state.second)
 
 
 def predict_through_repeat(state: State, coefficients: Coefficients, design: Design) -> None:
@@ -337,14 +289,9 @@ def process_reading(state: State, coefficients: Coefficients, design: Design) ->
     if reading.change != 0.0:  # a rest ends, in which samples may have been lost?
         if reading.rested > NOISE_SAMPLES * (pace if 0.0 < pace < dt else dt):
             doubt_velocity_after_rest(state, dt)
-    innovation, quantum = reading.innovation, state.sensor.quantum
-    outside = max(design.outside, LARGEST_SPEED_CHANGE * dt)  # in a long sample a joint may get far
-    if (innovation > outside or innovation < -outside) and not is_next_count(
-        innovation, quantum, design.period
-    ):
-        reject_outlier(state, design, dt)
-    else:
-        correct(state, design, dt)
+    if state.tracking.off != 0.0 and decide(state, dt):
+        return
+    correct(state, design, dt)
 
 
 def learn_sensor(state: State, design: Design) -> None:
@@ -464,24 +411,6 @@ def doubt_velocity_after_rest(state: State, dt: float) -> None:
         reading.starting = False
 
 
-def coast(state: State) -> None:
-    """Go on with the prediction: the reading is not believed."""
-    state.motion.angle = state.reading.angle - state.reading.innovation
-    if state.tracking.status != INITIALISING:
-        state.tracking.status = COASTING
-    state.tracking.count = 0.0
-
-
-def reject_outlier(state: State, design: Design, dt: float) -> None:
-    """Reject a reading an eighth of a turn away: none of this shaft, or not of this speed."""
-    outside, tracking = design.outside, state.tracking
-    tracking.time_outside_gate += dt
-    if tracking.time_outside_gate > LOST_AFTER or SIGMAS * SIGMAS * state.p.p00 > outside * outside:
-        reset_motion(state, state.reading.angle)
-    else:
-        coast(state)
-
-
 def correct(state: State, design: Design, dt: float) -> None:
     """Correct by a reading: random walk, noise that hides single edges, what an edge shows."""
     reading, motion, p, sensor = state.reading, state.motion, state.p, state.sensor
@@ -507,7 +436,8 @@ def correct(state: State, design: Design, dt: float) -> None:
     # most readings are plainly no news: no edge, and none was expected
     inside = -half <= reading.unpredicted_motion <= half and -half <= innovation <= half
     if not inside or flickers or 12.0 * p.p00 > square:
-        if not measurement_update(state, design, dt, flickers):
+        if not update(state, design, flickers, dt):
+            coast(state, dt)
             walk.mean, walk.last, walk.before = mean, last, before
             return
         if motion.idle == 0.0 and abs(2.0 * motion.velocity) * dt > design.period > 0.0:
@@ -518,37 +448,8 @@ def correct(state: State, design: Design, dt: float) -> None:
     if reading.starting and reading.change != 0.0:
         starts.settle(state, noise, dt)
     if tracking.status != TRACKING:
-        confirm_tracking(tracking, p.p11, dt, square + 12.0 * noise)
+        confirm(tracking, p.p11, dt, square + 12.0 * noise)
     motion.angle = reading.angle - reading.innovation
-
-
-def measurement_update(state: State, design: Design, dt: float, flickers: bool) -> bool:
-    """Update by what a reading shows of the angle; return False if it is not believed."""
-    reading, motion, quantum = state.reading, state.motion, state.sensor.quantum
-    if update(state, design, flickers, dt):
-        return True
-    if (
-        quantum != design.quantum
-        and abs(reading.change) > counts.RESIDUE_RATIO * reading.observed_range
-    ):
-        # what moved before was residue, or this is a glitch: the next reading decides
-        state.steps.jump = reading.change
-        starts.doubt_speed(state, reading.change, dt, 0.0, 0.0)
-    motion.velocity -= motion.acceleration * dt  # it is not extrapolated meanwhile
-    coast(state)
-    return False
-
-
-def confirm_tracking(tracking: Tracking, p11: float, dt: float, floor: float) -> None:
-    """Count one more believed reading of a start, a gap or a doubt.
-
-    Parameters
-    ----------
-    p11 : variance of the speed. floor : twelve times the variance of a reading [rad^2].
-    """
-    tracking.count += 1.0
-    if tracking.count >= CONFIRMED and p11 * dt * dt < floor:
-        tracking.status, tracking.time_outside_gate = TRACKING, 0.0
 
 
 def estimate(

@@ -13,14 +13,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference
-from estimator_pkg.observers.angle.edge.constants import (
-    BLUR,
-    CONFIRMED,
-    LEAST_JERK_DENSITY,
-    LONGEST_MEMORY,
-    SIGMAS,
-)
+from estimator_pkg.observers.angle.edge import bandwidth, preference
+from estimator_pkg.observers.angle.edge.constants import CONFIRMED, LEAST_JERK_DENSITY, SIGMAS
 from estimator_pkg.record import record
 from estimator_pkg.sensor import noise as sensing
 
@@ -101,28 +95,9 @@ def begin_line(state: Any) -> None:
             uncertainty, 0.0, SETTLES, uncertainty.time_since_first_motion, uncertainty.age
         )
     state.tracking.count += 1.0
+    state.tracking.off = 0.0
     bandwidth.reset_velocity_walk(state.velocity_walk)
     preference.reset_second_filter(state.second)
-
-
-def set_covariance_at_rest(state: Any, quantum: float) -> None:
-    """Set the covariance of a shaft that has rested for long, and is at an edge.
-
-    A straight line through an angle of its cell, `LONGEST` [s] ago, and the edge.
-    """
-    rate = 1.0 / LONGEST_MEMORY
-    floor = quantum * quantum / 12.0
-    square = rate * rate
-    covariance.set_covariance(
-        state.p,
-        BLUR * BLUR * quantum * quantum,
-        0.0,
-        0.0,
-        floor * square,
-        0.0,
-        floor * square * square,
-    )
-    bandwidth.reset_process_noise(state.process_noise, LEAST_JERK_DENSITY * quantum * quantum)
 
 
 def doubt_in_noise(state: Any, dt: float) -> None:

@@ -23,8 +23,6 @@ from estimator_pkg.observers.angle.edge.constants import (
 from estimator_pkg.observers.angle.edge.start import inflate_for_missing_edge
 from estimator_pkg.sensor.noise import follow_noise, vibration
 
-SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
-
 
 def update(state: Any, design: Any, flickers: bool, dt: float) -> bool:
     """Update by what a reading shows of the angle; return False if it is not believed.
@@ -62,14 +60,9 @@ def update(state: Any, design: Any, flickers: bool, dt: float) -> bool:
     growth, product = bandwidth.adapt_process_noise(process, z, f * p.p00 / s, least)
     if growth > 0.0:
         covariance.widen(p, growth)
-    if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
-        if date > 0.0:
-            bandwidth.inflate_for_manoeuvre(state, d, date, dt, flickers)
-            kind, centre, half = cells.MEASURED, innovation, 0.5 * quantum  # the whole cell
-        else:
-            kind, centre, half = cells.interval(
-                innovation, unpredicted, quantum, p.p00, noise, flickers
-            )
+    if date > 0.0:  # the same reading is worth more to a vaguer prediction
+        bandwidth.inflate_for_manoeuvre(state, d, date, dt, flickers)
+        kind, centre, half = cells.MEASURED, innovation, 0.5 * quantum  # the whole cell
         r = noise + NOISY_ABOVE * (2.0 * half) * (2.0 * half)
         d, left = cells.within(centre, half, math.sqrt(p.p00 + r))
     s = p.p00 + r

@@ -154,35 +154,10 @@ def test_a_measurement_far_finer_than_the_prediction_leaves_a_covariance():
         assert p.p22 * p.p00 >= p.p02 * p.p02 * (1.0 - 1e-12)
 
 
-def stood(quantum):
-    """The covariance of a shaft that has stood for long."""
-    state = edge_observer.State()
-    edge_start.set_covariance_at_rest(state, quantum)
-    return values(state.p)
-
-
-def test_a_shaft_that_stood_is_a_straight_line_from_its_cell_to_the_edge():
-    blur, floor, long = edge_constants.BLUR, Q * Q / 12.0, edge_constants.LONGEST_MEMORY
-    expected = (blur * blur, 0.0, 0.0, floor / long**2, 0.0, floor / long**4)
-    assert stood(Q) == pytest.approx(expected)
-    assert stood(0.1 * Q) == pytest.approx([0.01 * each for each in stood(Q)])
-
-
 def begun_state(design, reading=7.0):
     state = edge_observer.State()
     edge_observer.start(edge_observer, state, design, reading)
     return state
-
-
-@pytest.mark.parametrize('jump', [0.6, -0.6, 3e-8])
-def test_a_jump_that_lasts_is_the_quantum_whatever_was_read_before(jump):
-    design = edge_observer.Design()
-    state = begun_state(design)
-    state.steps.jump = jump
-    edge_observer.accept_jump(state, design, 7.0, 1e-3)
-    assert edge_quantum.quantum_of(state.steps, 0.0) == state.sensor.quantum == abs(jump)
-    assert state.motion.angle == 7.0 - 0.5 * jump  # at the edge
-    assert values(state.p) == stood(abs(jump))
 
 
 @pytest.mark.parametrize('part, starts', [(0.68, False), (0.72, True)])
