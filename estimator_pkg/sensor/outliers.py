@@ -18,7 +18,8 @@ from estimator_pkg.record import record
 
 OUTLIER_GATE = 400.0  # (20)^2: times the power of recent innovations; a reading beyond is doubted
 BOUNCE = 2.0  # times the way expected within the sample: an impact turns the speed round at most
-LARGEST_SPEED_CHANGE = 100.0  # [rad/s] no joint is faster by more, one sample later
+LARGEST_SPEED_CHANGE = 30.0  # [rad/s] no joint is faster by more, one sample later
+PATIENCE = 0.1  # [s] for which a doubted reading that repeats is waited for
 
 
 @record
@@ -27,6 +28,8 @@ class Outliers:
 
     far: int  # how many in a row were not; the first of them is not believed
     off: float  # how far the last of them was from the expected one [rad]
+    reading: float  # the last of them [rad]
+    waited: float  # for which it has repeated [s]
 
 
 def believed(
@@ -53,8 +56,12 @@ def believed(
     if square <= OUTLIER_GATE * power or -least <= off <= least:
         doubt.far = 0
         return measurement
+    repeats = doubt.far > 0 and measurement == doubt.reading
+    if repeats and ahead * ahead > power and doubt.waited < PATIENCE:
+        doubt.waited += dt
+        return expected  # an equal reading of a joint that moves confirms nothing
     doubt.far += 1
-    doubt.off = off
+    doubt.off, doubt.reading, doubt.waited = off, measurement, 0.0
     if doubt.far == 1:
         return expected
     if period > 0.0:
