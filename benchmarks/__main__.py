@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, field, held_out, second
+from benchmarks import accuracy, faults, field, held_out, second
 from benchmarks.drive import drives
 from benchmarks.live import live
 from benchmarks.replay import MESSAGES, replays
@@ -73,6 +73,11 @@ def _second(parsed: argparse.Namespace) -> Result:
     return rows, second.describe(rows, parsed.markdown)
 
 
+def _faults(parsed: argparse.Namespace) -> Result:
+    rows = faults.faults()
+    return rows, faults.describe(rows, parsed.markdown)
+
+
 CSV: dict[str, Callable[[Any], str]] = {'accuracy': accuracy.as_csv, 'held-out': held_out.as_csv}
 PARTS: dict[str, Callable[[argparse.Namespace], Result]] = {
     'speed': _speed,
@@ -80,6 +85,7 @@ PARTS: dict[str, Callable[[argparse.Namespace], Result]] = {
     'live': lambda parsed: _rows(parsed, live(parsed.quick)),
     'field': _field,
     'held-out': _held_out,
+    'faults': _faults,
     'second': _second,
     SOAK: lambda parsed: _rows(parsed, soak(parsed.minutes)),
 }
@@ -95,7 +101,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parts = (
         'run only this part (may be repeated; default: all but soak): cost of updates, batches, '
         'replay and drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out '
-        'series; second sensors; a node with a faulty driver'
+        'series; faults of a sensor; second sensors; a node with a faulty driver'
     )
     add('--part', choices=tuple(PARTS), help=parts, **some)
     add('--bags', metavar='FOLDER', default='bags', help='folder of the recordings (default: bags)')
