@@ -166,12 +166,20 @@ def describe(rows: Sequence[dict[str, Any]], as_markdown: bool = False) -> str:
             row['fault'],
             ', '.join(f'{count} {kind}' for kind, count in row['counted'].items()) or '-',
             '; '.join(row['reported']) or '-',
-            f'{100.0 * row["published"]:.1f} %',
-            f'{100.0 * row["wrong"]:.2f} %',
+            f'{100.0 * row["published"]:.1f}',
+            f'{100.0 * row["wrong"]:.2f}',
             number(row['rms'], 2),
-            f'{100.0 * row["covered"]:.0f} %',
+            f'{100.0 * row["covered"]:.0f}',
         )
         for row in rows
     ]
-    header = ('fault', 'counted', 'reported', 'published', 'wrong', 'rms [rad/s]', 'covered')
+    header = (
+        'fault',
+        'counted',
+        'reported',
+        'published [%]',
+        'wrong [%]',
+        'rms [rad/s]',
+        'covered [%]',
+    )
     return (markdown if as_markdown else table)(header, lines)

@@ -366,13 +366,13 @@ def by_source(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
                 (
                     source,
                     ' '.join(FIXED[title]),
-                    f'{len(judged)} of {len(own)}',
+                    f'{len(judged)}/{len(own)}',
                     fixed(over['mean'], 2),
                     f'{fixed(over["worst"], 2)}, {over["series"]}',
-                    f'{100.0 * float(np.median(covered)):.0f} %',
+                    f'{100.0 * float(np.median(covered)):.0f}',
                 )
             )
-    header = ('source', 'fixed', 'judged', '/ single: mean', 'worst', 'covered')
+    header = ('source', 'fixed', 'judged', '/ single: mean', 'worst', 'covered [%]')
     return (text.markdown if as_markdown else text.table)(header, lines)
 
 

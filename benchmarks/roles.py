@@ -117,7 +117,7 @@ def diagnose(node: Node, name: str, counters: dict[str, str]) -> None:
 def listen(name: str, estimates: str) -> None:
     """Print what a node answers: its first estimate [ns], and on SIGINT counts and latencies.
 
-    Prints 'listening' first. Its estimates are received only if `estimates` is '1'. The latencies
+    Prints 'listening' first. Its estimates are received unless `estimates` is '0'. The latencies
     are from stamp to receipt [ms]; the counters are those of its newest diagnostics.
     """
     late: list[int] = []
@@ -136,7 +136,10 @@ def listen(name: str, estimates: str) -> None:
     def make() -> Node:
         node = rclpy.create_node(f'benchmark_listener_{name}')
         diagnose(node, name, counters)
-        if estimates == '1':
+        if estimates == '2':  # and their deviations, of which nothing is computed
+            topic = f'/{name}/estimate_stddev'
+            node.create_subscription(JointState, topic, lambda raw: None, 5000, raw=True)
+        if estimates != '0':
             node.create_subscription(JointState, f'/{name}/estimate', take, 5000, raw=True)
         print('listening', flush=True)
         return node

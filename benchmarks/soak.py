@@ -163,11 +163,14 @@ def rows(
     dropped = {name: number for name, number in node.items() if name.startswith('dropped.')}
     lost = node['lost_by_dds']
     missing = published['messages'] - node['messages_received'] - lost
+    gone = len(NAMES) * (lost + missing)  # samples of these messages, if none has fewer
+    fewer = len(NAMES) * published['malformed'] + published['missing']
     wrong = {
         kind: published[kind] - node.get(f'dropped.{kind}', node.get(f'messages_dropped.{kind}', 0))
         for kind in DROPPED
     }
-    allowed = len(NAMES) * (lost + kills)
+    # of a kind, the lost part; and a message less is a duplicate or late where one was lost before
+    part_lost = 3.0 * lost / published['messages']
     # Messages of which no sample is used have no answer: those of three kinds of faults, and some
     # of those whose readings repeat.
     whole = sum(node[f'dropped.{kind}'] for kind in DROPPED[:3]) / len(NAMES)
@@ -194,13 +197,18 @@ def rows(
             limit=0,
         ),
         row(
-            'samples published - received',
-            abs(published['samples'] - node['received']),
+            'samples published - received - those of lost messages',
+            abs(published['samples'] - node['received'] - gone),
             '',
-            limit=allowed,
+            limit=fewer,
         ),
         *(
-            row(f'{kind}: published - counted', abs(number), '', limit=allowed)
+            row(
+                f'{kind}: published - counted',
+                abs(number),
+                '',
+                limit=math.ceil(part_lost * published[kind]) + len(NAMES) * kills,
+            )
             for kind, number in wrong.items()
         ),
         row('answers', found['answers'], ''),

@@ -151,7 +151,7 @@ def test_the_single_baseline_is_the_one_with_the_least_mean_and_the_best_is_neve
     sources = {'fine': 'robot', 'coarse': 'robot'}
     text = held_out.describe({'first contact': {**found, 'sources': sources}})
     assert '  fine ' in text and f'first contact: single: {found["single"]}' in text
-    assert re.search(rf'(?m)^robot +2026-11-25 d93c8dff +2 of 2 +{single["mean"]:.2f} ', text)
+    assert re.search(rf'(?m)^robot +2026-11-25 d93c8dff +2/2 +{single["mean"]:.2f} ', text)
     kept = Path(held_out.__file__).with_name('results') / 'held_out.csv'
     header = held_out.as_csv({'two joints': found}).partition('\n')[0]
     assert set(kept.read_text().partition('\n')[0].split(',')) <= set(header.split(','))
