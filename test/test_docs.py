@@ -259,7 +259,7 @@ def test_links_search_and_formulas_work_from_files(site):
         for text, page in SEARCHES.items():
             words.clear()
             words.send_keys(text)
-            until(lambda page=page: results(driver)[:1] == [f'file://{site}/{page}.html'])
+            until(lambda page=page: results(driver)[:1] == [f'file://{site}/{page}.html'], 30.0)
 
         # the subscripts of f_k: below their base, as a font with a table of mathematics places them
         driver.get(f'file://{site}/observers/finite_difference.html')
