@@ -45,6 +45,7 @@ EXTRAS = {
         'mypy>=1.10,<3',
         'motulator>=0.5,<0.6',
         'types-PyYAML',
+        'build>=1.2,<2',
         'wheel>=0.40,<1',  # setuptools before 70.1 builds with it
         'colcon-common-extensions>=0.3,<1',
         'ros-jazzy-ament-flake8>=0.17,<0.18',
@@ -91,7 +92,7 @@ class BuildEngine(build_ext):
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version='1.0.0',
     packages=find_packages(include=['estimator_pkg*', 'sim_pkg*']),
     package_data={
         'estimator_pkg': ['py.typed', 'evaluation/templates/*', 'export/**/*.in'],

@@ -13,11 +13,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, field, held_out, second
+from benchmarks import accuracy, faults, field, held_out, second
 from benchmarks.drive import drives
 from benchmarks.live import live
 from benchmarks.replay import MESSAGES, replays
 from benchmarks.runner import chosen
+from benchmarks.soak import soak
 from benchmarks.update import batches, updates
 from estimator_pkg import cli
 from estimator_pkg.cli import Command
@@ -26,6 +27,7 @@ from estimator_pkg.evaluation.text import markdown, number, table
 
 PROGRAM = 'python -m benchmarks'
 QUICK_MESSAGES = 50_000
+SOAK = 'soak'  # runs only if it is requested by name
 Result = tuple[Any, str]  # for --json; what is printed
 
 
@@ -71,6 +73,11 @@ def _second(parsed: argparse.Namespace) -> Result:
     return rows, second.describe(rows, parsed.markdown)
 
 
+def _faults(parsed: argparse.Namespace) -> Result:
+    rows = faults.faults()
+    return rows, faults.describe(rows, parsed.markdown)
+
+
 CSV: dict[str, Callable[[Any], str]] = {'accuracy': accuracy.as_csv, 'held-out': held_out.as_csv}
 PARTS: dict[str, Callable[[argparse.Namespace], Result]] = {
     'speed': _speed,
@@ -78,7 +85,9 @@ PARTS: dict[str, Callable[[argparse.Namespace], Result]] = {
     'live': lambda parsed: _rows(parsed, live(parsed.quick)),
     'field': _field,
     'held-out': _held_out,
+    'faults': _faults,
     'second': _second,
+    SOAK: lambda parsed: _rows(parsed, soak(parsed.minutes)),
 }
 
 
@@ -90,9 +99,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
     some: dict[str, Any] = {'action': 'append', 'default': []}
     parts = (
-        'run only this part (may be repeated; default: all): cost of updates, batches, replay and '
-        'drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out series; '
-        'second sensors'
+        'run only this part (may be repeated; default: all but soak): cost of updates, batches, '
+        'replay and drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out '
+        'series; faults of a sensor; second sensors; a node with a faulty driver'
     )
     add('--part', choices=tuple(PARTS), help=parts, **some)
     add('--bags', metavar='FOLDER', default='bags', help='folder of the recordings (default: bags)')
@@ -100,6 +109,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add('--second', metavar='FOLDER', help='folder of recordings with a second sensor')
     lists = 'held-out: only this list (may be repeated; default: all)'
     add('--list', choices=tuple(held_out.LISTS), help=lists, **some)
+    add('--minutes', type=float, default=60.0, help='of the part soak (default: 60)')
     add('--markdown', action='store_true', help='print the tables as Markdown')
     add('--csv', metavar='FOLDER', help='write accuracy.csv and held_out.csv into this folder')
     add('--quick', action='store_true', help='a quick check, not a measurement: fewer rounds')
@@ -118,7 +128,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     print(', '.join(f'{name} {value}' for name, value in machine.items()) + '\n')
     result: dict[str, Any] = {'machine': machine}
     for part, measure in PARTS.items():
-        if parsed.part and part not in parsed.part:
+        if part not in (parsed.part or PARTS.keys() - {SOAK}):
             continue
         try:
             result[part], printed = measure(parsed)

@@ -51,6 +51,13 @@ LISTS = {
     'third': 'third list',
     'contact': 'first contact',
 }
+# By list: when its series were fixed, before an observer ran on one, and by which commit.
+FIXED = {
+    'first list': ('2026-11-22', 'a7289b45'),
+    'second list': ('2026-11-22', '823453c8'),
+    'third list': ('2026-11-22', 'c2e44592'),
+    'first contact': ('2026-11-25', 'd93c8dff'),
+}
 OBSERVERS = ('edge_adaptive', 'hybrid_angle')
 BASELINES = ('finite_difference', 'pll', 'kalman velocity', 'kalman acceleration')
 NEAR = 1.15  # of a baseline's error, at most on each series
@@ -88,6 +95,7 @@ def _contacts(found: Mapping[str, Any]) -> list[Listed]:
         for name, path in zip(keys['names'], keys['files'], strict=True):
             for joint, (angle, velocity) in enumerate(keys['columns'], 1):
                 own = {
+                    'source': source,
                     'path': path,
                     'angle': {**keys.get('angle', {}), 'column': angle},
                     'velocity': {**keys.get('velocity', {}), 'column': velocity},
@@ -216,7 +224,8 @@ def run(folder: Path, lists: Iterable[str] = tuple(LISTS)) -> dict[str, Found]:
     found = {}
     for which, (every, judged, excluded) in read.items():
         compare = compared(every, judged, frozen if which == 'contact' else None)
-        found[LISTS[which]] = {**compare, 'left_out': excluded}
+        sources = {each.name: each.keys['source'] for each in listed(which)}
+        found[LISTS[which]] = {**compare, 'sources': sources, 'left_out': excluded}
     return found
 
 
@@ -340,6 +349,33 @@ def as_csv(lists: Mapping[str, Found]) -> str:
     )
 
 
+def by_source(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
+    """Return the table of the sources: `edge_adaptive` over the single best baseline."""
+    lines = []
+    for title, found in lists.items():
+        rows = defaultdict(list)
+        for row in found['rows']:
+            rows[found['sources'][row['series']]].append(row)
+        for source, own in rows.items():
+            judged = [row for row in own if row['judged']]
+            if not judged:
+                continue
+            over = summary(judged, OBSERVERS[0], 'single')
+            covered = [row['results'][OBSERVERS[0]]['coverage'] for row in judged]
+            lines.append(
+                (
+                    source,
+                    ' '.join(FIXED[title]),
+                    f'{len(judged)}/{len(own)}',
+                    fixed(over['mean'], 2),
+                    f'{fixed(over["worst"], 2)}, {over["series"]}',
+                    f'{100.0 * float(np.median(covered)):.0f}',
+                )
+            )
+    header = ('source', 'fixed', 'judged', '/ single: mean', 'worst', 'covered [%]')
+    return (text.markdown if as_markdown else text.table)(header, lines)
+
+
 def describe(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
     """Return the table of all series, and lines that summarise each list."""
     lines = []
@@ -362,6 +398,7 @@ def describe(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
             'held-out recordings: velocity rms error [rad/s], observers at their defaults',
             (text.markdown if as_markdown else text.table)(tuple(header), lines),
             "*: not judged: the reference's own error is more than half of the best baseline's",
+            by_source(lists, as_markdown),
             *('\n'.join(_summarised(title, found)) for title, found in lists.items()),
         ]
     )

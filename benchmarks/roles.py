@@ -1,12 +1,13 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Processes of ``--part live`` around a measured node: ``python -m benchmarks.roles ROLE ...``."""
+"""Processes of ``--part live`` and ``soak`` around a node: ``python -m benchmarks.roles ROLE``."""
 
 from __future__ import annotations
 
 import json
 import math
+import random
 import statistics
 import sys
 import time
@@ -19,6 +20,7 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
@@ -27,8 +29,11 @@ from std_msgs.msg import Float64MultiArray
 
 from benchmarks.drive import RATE, simulate
 from benchmarks.live import BATCHES, CURRENTS, JOINTS
+from benchmarks.soak import RATE as SOAKED
+from benchmarks.soak import Driver, counts
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import Decoder, Encoder
+from estimator_pkg.nodes.ros_parameters import ros_values
 
 TURNING = 2.0 * math.pi / 6.0  # of the published motion [rad/s]
 TOPICS = {
@@ -98,10 +103,21 @@ def play(kind: str, hz: str, seconds: str, size: str, subscribers: str) -> None:
     rclpy.shutdown()
 
 
+def diagnose(node: Node, name: str, counters: dict[str, str]) -> None:
+    """Keep the newest diagnostics of the node `name` in `counters`."""
+
+    def diagnosed(message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == f'/{name}':  # the node itself: its joints have entries, too
+                counters.update({item.key: item.value for item in status.values})
+
+    node.create_subscription(DiagnosticArray, '/diagnostics', diagnosed, 10)
+
+
 def listen(name: str, estimates: str) -> None:
     """Print what a node answers: its first estimate [ns], and on SIGINT counts and latencies.
 
-    Prints 'listening' first. Its estimates are received only if `estimates` is '1'. The latencies
+    Prints 'listening' first. Its estimates are received unless `estimates` is '0'. The latencies
     are from stamp to receipt [ms]; the counters are those of its newest diagnostics.
     """
     late: list[int] = []
@@ -117,15 +133,13 @@ def listen(name: str, estimates: str) -> None:
             printed.append(now)
             say(estimate=now)
 
-    def diagnosed(message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.name.partition(':')[0] == f'/{name}':
-                counters.update({item.key: item.value for item in status.values})
-
     def make() -> Node:
         node = rclpy.create_node(f'benchmark_listener_{name}')
-        node.create_subscription(DiagnosticArray, '/diagnostics', diagnosed, 10)
-        if estimates == '1':
+        diagnose(node, name, counters)
+        if estimates == '2':  # and their deviations, of which nothing is computed
+            topic = f'/{name}/estimate_stddev'
+            node.create_subscription(JointState, topic, lambda raw: None, 5000, raw=True)
+        if estimates != '0':
             node.create_subscription(JointState, f'/{name}/estimate', take, 5000, raw=True)
         print('listening', flush=True)
         return node
@@ -137,6 +151,72 @@ def listen(name: str, estimates: str) -> None:
         times['median_ms'] = 1e-6 * statistics.median(steady)
         times['late_ms'] = 1e-6 * steady[int(0.99 * (len(steady) - 1))]
     say(answered=len(late), counters=counters, **times)
+
+
+def faulty(path: str) -> None:
+    """Publish the messages of `benchmarks.soak.Driver`, which counts them in the file `path`."""
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node, driver = rclpy.create_node('faulty_driver'), Driver(counts(path))
+    publisher = node.create_publisher(JointState, 'joint_states', 50)
+    while not publisher.get_subscription_count():
+        time.sleep(0.02)
+    time.sleep(1.0)  # until the node is connected, too
+    due = time.perf_counter()
+    while True:
+        due = max(due + 1.0 / SOAKED, time.perf_counter() - 0.1)
+        time.sleep(max(0.0, due - time.perf_counter()))
+        message, pause = driver.message()
+        time.sleep(pause)
+        publisher.publish(message)
+
+
+def witness(name: str) -> None:
+    """Change gains of a node every 2 s; print on SIGINT what it answered, and its counters.
+
+    Prints 'listening' first. The number of a message is the first effort of its answer.
+    """
+    chance, layout = random.Random(2), Decoder().layout
+    found: dict[str, Any] = dict.fromkeys(
+        ('answers', 'twice', 'backwards', 'changed', 'refused'), 0
+    )
+    counters: dict[str, str] = {}
+    last = -1.0
+
+    def take(raw: Any) -> None:
+        nonlocal last
+        number = layout(raw).numbers(raw, 2)[0]
+        found['answers'] += 1
+        found['twice'] += number == last
+        found['backwards'] += number < last
+        last = number
+
+    def make() -> Node:
+        node = rclpy.create_node('soak_witness')
+        node.create_subscription(JointState, f'/{name}/estimate', take, 5000, raw=True)
+        diagnose(node, name, counters)
+        service = f'/{name}/set_parameters_atomically'
+        client = node.create_client(SetParametersAtomically, service)
+
+        def changed(future: Any) -> None:
+            found['changed' if future.result().result.successful else 'refused'] += 1
+
+        def change() -> None:
+            gains = {
+                'prefer': chance.choice(('smooth', 'balanced', 'fast')),
+                'gap_max': chance.uniform(0.1, 0.3),
+                'timeout': chance.uniform(0.4, 0.8),
+            }
+            parameters = [each.to_parameter_msg() for each in ros_values(gains)]
+            request = SetParametersAtomically.Request(parameters=parameters)
+            if client.service_is_ready():
+                client.call_async(request).add_done_callback(changed)
+
+        node.create_timer(2.0, change)
+        print('listening', flush=True)
+        return node
+
+    run_node(make, [])
+    say(**found, counters=counters)
 
 
 def null(kind: str) -> None:
@@ -166,4 +246,6 @@ def null(kind: str) -> None:
 
 
 if __name__ == '__main__':
-    {each.__name__: each for each in (play, listen, null)}[sys.argv[1]](*sys.argv[2:])
+    {each.__name__: each for each in (play, listen, faulty, witness, null)}[sys.argv[1]](
+        *sys.argv[2:]
+    )

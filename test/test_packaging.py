@@ -4,6 +4,7 @@
 """The package as pip and as colcon install it: index entry, share/, executables."""
 
 import ast
+import json
 import os
 import re
 import runpy
@@ -11,6 +12,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import sysconfig
 import textwrap
 from pathlib import Path
 
@@ -28,6 +30,10 @@ PARTS = [
     'pyproject.toml',
     'package.xml',
     'LICENSE',
+    'MANIFEST.in',
+    'README.md',
+    'CHANGELOG.rst',
+    'QUALITY_DECLARATION.md',
     'resource',
     'launch',
     'layouts',
@@ -57,12 +63,10 @@ def run(*command, **options):
     return done.stdout
 
 
-def engine_of(folder):
+def engine_of(folder, python=sys.executable):
     """Return what `load` says of the engine of the packages in a folder."""
     code = 'from estimator_pkg.engine import load; print(load.__file__, *load.load())'
-    loaded = run(
-        sys.executable, '-c', code, cwd=folder, env={**os.environ, 'PYTHONPATH': str(folder)}
-    )
+    loaded = run(str(python), '-c', code, cwd=folder, env={**os.environ, 'PYTHONPATH': str(folder)})
     assert loaded.startswith(str(folder)), loaded
     return loaded.partition(' ')[2].strip()
 
@@ -181,12 +185,73 @@ def test_what_is_not_translated_ends_the_build_with_its_line(source, tmp_path):
     assert done.stderr.splitlines()[-1].startswith(f'error: the engine cannot be built: {place}: ')
 
 
+@pytest.fixture(scope='module')
+def built(source, tmp_path_factory):
+    """The folder of the wheel and the sdist that `python -m build` makes."""
+    folder = tmp_path_factory.mktemp('dist')
+    run(
+        sys.executable,
+        '-m',
+        'build',
+        '--outdir',
+        str(folder),
+        '.',
+        cwd=copied(source, folder / 's'),
+    )
+    return folder
+
+
+@pytest.fixture(scope='module')
+def empty(built, tmp_path_factory):
+    """An environment with the libraries that the wheel requires, and without the package."""
+    prefix = tmp_path_factory.mktemp('empty')
+    run(sys.executable, '-m', 'venv', str(prefix))
+    (wheel,) = built.glob('*.whl')
+    pip = str(prefix / 'bin' / 'python'), '-m', 'pip'
+    run(*pip, 'install', '--quiet', f'{wheel}[ros,report]')
+    run(*pip, 'uninstall', '--quiet', '--yes', 'velocity_estimator')
+    return prefix
+
+
+def assert_runs(executable, folder, **options):
+    """The command examines a recording, and its simulator and node run over DDS."""
+    doctor = str(executable), 'doctor', str(ROOT / 'bags' / 'simulated' / 'sine_12bit')
+    assert 'VERDICT' in run(*doctor, cwd=folder, **options)
+    demo = str(executable), 'demo', '--duration', '2', '--json', 'demo.json'
+    run(*demo, cwd=folder, **options)
+    assert json.loads((folder / 'demo.json').read_text())['estimates'] > 500
+
+
 @pytest.mark.slow
-def test_pip_installs_without_a_compiler(source, tmp_path):
-    without = {**os.environ, 'CC': '/bin/false'}
-    packages = pip_install(copied(source, tmp_path / 'source'), tmp_path / 'prefix', env=without)
-    assert_installed(tmp_path / 'prefix', 'bin')
-    assert engine_of(packages).startswith('None no engine was built: install a C compiler')
+@pytest.mark.parametrize(
+    'kind, compiler, engine',
+    [
+        ('*.whl', '/bin/false', '<PyDLL'),
+        ('*.tar.gz', 'cc', '<PyDLL'),
+        ('*.tar.gz', '/bin/false', 'None no engine was built: install a C compiler'),
+    ],
+)
+def test_wheel_and_sdist_run_in_an_empty_environment(
+    kind, compiler, engine, built, empty, tmp_path
+):
+    (archive,) = built.glob(kind)
+    here = {'HOME': str(tmp_path), 'PATH': f'{empty}/bin:/usr/bin:/bin', 'CC': compiler}
+    # pip would take its own wheel of the same sdist from its cache
+    pip = 'python', '-m', 'pip', 'install', '--no-deps', '--no-cache-dir', str(archive)
+    run(*pip, env={**os.environ, **here})
+    assert_installed(empty, 'bin')
+    packages = next((empty / 'lib').rglob('estimator_pkg')).parent
+    assert engine_of(packages, empty / 'bin' / 'python').startswith(engine)
+    assert_runs(empty / 'bin' / 'velocity_estimator', tmp_path, env=here)
+    run(*pip[:3], 'uninstall', '--yes', 'velocity_estimator', env={**os.environ, **here})
+
+
+@pytest.mark.slow
+def test_the_wheel_is_small_and_of_its_platform(built):
+    (wheel,) = built.glob('*.whl')
+    platform = sysconfig.get_platform().replace('-', '_').replace('.', '_')
+    assert wheel.name.endswith(f'-cp310-abi3-{platform}.whl')
+    assert wheel.stat().st_size < 2e6
 
 
 def colcon(source, folder, *words, **variables):
@@ -208,12 +273,28 @@ def test_colcon_knows_it_as_an_ament_python_package(source, tmp_path):
 
 @pytest.mark.slow
 def test_colcon_installs_all_of_it(source, tmp_path):
-    """As pip does above; without a compiler, which saves time."""
-    colcon(source, tmp_path, 'build', CC='/bin/false')
+    colcon(source, tmp_path, 'build')
     prefix = tmp_path / 'install' / 'velocity_estimator'
     assert_installed(prefix, 'lib/velocity_estimator')
     packages = next((prefix / 'lib').rglob('estimator_pkg')).parent
-    assert engine_of(packages).startswith('None no engine was built')
+    assert engine_of(packages).startswith('<PyDLL')
+    here = {
+        **os.environ,
+        'PYTHONPATH': str(packages),
+        'AMENT_PREFIX_PATH': f'{prefix}:{sys.prefix}',
+    }
+    assert_runs(prefix / 'lib' / 'velocity_estimator' / 'velocity_estimator', tmp_path, env=here)
+
+
+def test_there_is_one_version():
+    places = {
+        'setup.py': r"version='(.+)'",
+        'package.xml': '<version>(.+)</version>',
+        'CHANGELOG.rst': r'\n([\d.]+) \(\d{4}-\d\d-\d\d\)\n-',
+        'QUALITY_DECLARATION.md': r'The version is ([\d.]+),',
+    }
+    found = {re.search(pattern, (ROOT / name).read_text())[1] for name, pattern in places.items()}
+    assert found == {estimator_pkg.__version__}
 
 
 def test_every_package_folder_is_installed():

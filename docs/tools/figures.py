@@ -19,8 +19,7 @@ Numbers agree within ``tolerance`` (relative, 0.02 if unset) or the rounding of 
 digit; at tolerance 0 they must be equal. In expressions ``r`` is the JSON of the last command and
 ``runs`` a list of all. ``rms(observer, run)`` [rad/s], ``delay(observer, run)`` [ms] and
 ``covered(joint, run)`` [%] come from ``evaluate``; ``run`` is the last one if unset.
-``csv_of(rows)`` and ``rms_table(rows)`` are the CSV file of the rows of ``--part accuracy``, and
-their rms errors as lines of a table.
+``csv_of(rows)`` is the CSV file of the rows of ``--part accuracy``.
 """
 
 from __future__ import annotations
@@ -44,7 +43,6 @@ import yaml
 from benchmarks import __main__ as benchmarks
 from benchmarks import accuracy
 from estimator_pkg import cli
-from estimator_pkg.evaluation.text import number
 
 ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r'(?<![\w.#/])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w/])')
@@ -114,17 +112,7 @@ def names(results: list) -> dict:
         'delay': lambda observer, run=-1: 1e3 * velocity(observer, run)['delay_s'],
         'covered': covered,
         'csv_of': accuracy.as_csv,
-        'rms_table': rms_table,
     }
-
-
-def rms_table(rows: list[dict]) -> str:
-    """Return the rms errors of observers, one line per stream; * is below the reference's own."""
-    cells = defaultdict(list)
-    for row in rows:
-        mark = ' *' if row.get('reference_cannot_tell') else ''
-        cells[row['stream']].append(number(row['rms'], 3) + mark)
-    return '\n'.join(f'| {stream} | {" | ".join(errors)} |' for stream, errors in cells.items())
 
 
 def close(old: str, new: float, tolerance: float, units: float) -> bool:

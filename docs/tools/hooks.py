@@ -22,6 +22,8 @@ CHANGELOG = Path(__file__).resolve().parents[2] / 'CHANGELOG.rst'
 PLACE = re.compile(r'\{\{ parameters (\w+) \}\}')
 MATHEMATICS = re.compile(r'^```math\n(.*?)\n```$', re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r'\$`([^`]+)`\$')
+# Searches find pages for users first, however often these have the word.
+LAST = re.compile('papers/|parameters/simulators|evidence|theory|architecture|engine|language')
 KEPT = re.compile(  # code, formulas, tags and links
     r'^```.*?^```$|^(?: {4}|\t).*?$|`[^`\n]+`|<math.*?</math>|<[^>\n]+>|\]\([^)\n]*\)|https?://\S+',
     re.DOTALL | re.MULTILINE,
@@ -87,6 +89,8 @@ def raised(text):
 
 def on_page_markdown(markdown, page=None, **_):
     """Return a page's text with tables and formulas; mkdocs calls this for each page."""
+    if page and LAST.search(page.file.src_path):
+        page.meta.setdefault('search', {'boost': 0.1})
     markdown = markdown.replace('{{ changelog }}', changelog())
     markdown = MATHEMATICS.sub(
         lambda found: f'<div class="mathematics">{typeset(found.group(1))}</div>', markdown

@@ -21,7 +21,9 @@ from .prelude import HELPERS, KEYWORDS, TAKEN
 from .sources import Found, Module, RefusedError, Sources, digest
 from .statements import Function, comment
 
+# Neither of the last two changes a number: floor and sqrt become instructions.
 FLAGS = ['-O2', '-g0', '-std=c99', '-ffp-contract=off', '-fno-fast-math', '-fwrapv']
+FLAGS += ['-fno-math-errno', '-fno-trapping-math']
 FILE = """\
 /* Made from Python functions by estimator_pkg/engine; do not edit. */
 #include <math.h>

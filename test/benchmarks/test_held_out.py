@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -147,8 +148,10 @@ def test_the_single_baseline_is_the_one_with_the_least_mean_and_the_best_is_neve
     assert single['mean'] == pytest.approx(np.sqrt(ratios[0] * ratios[1]))
     assert single['near'] == 1.0 and single['worst'] == max(ratios)
     assert single['at_most'] == sum(ratio <= 1.0 for ratio in ratios) / 2
-    text = held_out.describe({'two joints': found})
-    assert '  fine ' in text and f'two joints: single: {found["single"]}' in text
+    sources = {'fine': 'robot', 'coarse': 'robot'}
+    text = held_out.describe({'first contact': {**found, 'sources': sources}})
+    assert '  fine ' in text and f'first contact: single: {found["single"]}' in text
+    assert re.search(rf'(?m)^robot +2026-11-25 d93c8dff +2/2 +{single["mean"]:.2f} ', text)
     kept = Path(held_out.__file__).with_name('results') / 'held_out.csv'
     header = held_out.as_csv({'two joints': found}).partition('\n')[0]
     assert set(kept.read_text().partition('\n')[0].split(',')) <= set(header.split(','))
