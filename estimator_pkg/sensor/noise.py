@@ -20,8 +20,6 @@ BLUR = 0.03  # quanta: no edge is known better; and either end of an interval, o
 NOISE_SAMPLES = 32.0  # samples: memory of the noise, and of the innovations' size
 OUTLIER_RATIO = 25.0  # largest weight of a square, in its expected value: 5 sigma
 # third differences after one wrong reading, over the one before each; how near one must be to it
-GLITCH_PATTERN = (-3.0, -1.0, -1.0 / 3.0)
-GLITCH_TOLERANCE = 0.25
 CORRELATION_SCALE = 4.0 / 11.0  # third differences are twice the changes of the residual; 3 + 8
 
 
@@ -83,13 +81,13 @@ def age_noise(sensor: Sensor, v: float) -> None:
     sensor.noise_bound = age if sensor.noise_bound < age else sensor.noise_bound
 
 
-def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, believed: float) -> None:
+def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, spoilt: bool) -> None:
     """Take a reading that moved by `step` [rad] in `dt` [s].
 
     Parameters
     ----------
     quantum : to reckon with from now on [rad].
-    believed : readings since one that was not; 3 or more: that is in no third difference.
+    spoilt : one of the last readings was wrong, and their scatter is no noise.
 
     Notes
     -----
@@ -109,10 +107,8 @@ def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, believ
         else:
             before, bound = sensor.residual_change, sensor.noise_bound
             power, most = 0.2 * third * third, OUTLIER_RATIO * (bound + square)
-            if believed < 3.0:
-                glitch = GLITCH_PATTERN[int(believed)] * before
-                if abs(third - glitch) < GLITCH_TOLERANCE * abs(glitch):  # a glitch is no noise
-                    most = bound + square
+            if spoilt:
+                most = bound + square
             power = power if power < most else most
             sensor.noise_bound = bound + (power - bound) / NOISE_SAMPLES
             power = CORRELATION_SCALE * before * (3.0 * before + 8.0 * third)

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from estimator_pkg.circle import wrap
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
 from estimator_pkg.observers.angle.edge import bandwidth, preference
 from estimator_pkg.observers.angle.edge.constants import ALARM, CONFIRMED, NOISE_SAMPLES
@@ -38,6 +39,7 @@ class Tracking:
     off: float  # distance of the doubted reading from its prediction [rad]; 0: none is in doubt
     jumped: bool  # it was no stop: against the predicted motion, or beyond it
     waited: float  # time since it came [s]
+    spoilt: float  # samples whose third differences contain a wrong reading
 
 
 def coast(state: Any, dt: float) -> None:
@@ -54,7 +56,20 @@ def coast(state: Any, dt: float) -> None:
         tracking.jumped = not 0.0 <= reading.change * way <= way * way
 
 
-def decide(state: Any, dt: float) -> bool:
+def is_spoilt(state: Any, design: Any, dt: float) -> bool:
+    """Return True if the last three changes of the reading contain one that was wrong."""
+    tracking, reading, motion = state.tracking, state.reading, state.motion
+    if tracking.off != 0.0:
+        distance = wrap(reading.angle - motion.angle - motion.velocity * dt, design.period)
+        back = abs(distance) < AGREES * abs(tracking.off)
+        repeats = tracking.jumped and reading.change == 0.0
+        tracking.spoilt = 3.0 if back or repeats else 0.0
+    elif tracking.spoilt > 0.0:
+        tracking.spoilt -= 1.0
+    return tracking.spoilt > 0.0
+
+
+def decide(state: Any, design: Any, dt: float) -> bool:
     """Take a reading after a doubted one; return True if that is all that it shows."""
     tracking, reading = state.tracking, state.reading
     innovation, off = reading.innovation, tracking.off
@@ -66,10 +81,12 @@ def decide(state: Any, dt: float) -> bool:
     if abs(innovation) < AGREES * abs(off):
         bandwidth.reset_sums(state.process_noise)
         return False
+    moved = wrap(innovation - off, design.period)
+    opposite = (off + moved) * off < 0.0
     # a line needs readings that changed and did not come in a burst
-    if reading.change == 0.0 or innovation * off < 0.0 or 2.0 * dt < state.sensor.mean_sample_time:
+    if reading.change == 0.0 or opposite or 2.0 * dt < state.sensor.mean_sample_time:
         return False
-    begin_anew(state, innovation - off, tracking.waited)
+    begin_anew(state, moved, tracking.waited)
     return True
 
 

@@ -32,7 +32,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     RESTED_PART,
 )
 from estimator_pkg.observers.angle.edge.covariance import Coefficients, Motion
-from estimator_pkg.observers.angle.edge.doubt import Tracking, coast, confirm, decide
+from estimator_pkg.observers.angle.edge.doubt import Tracking, coast, confirm, decide, is_spoilt
 from estimator_pkg.observers.angle.edge.start import StartUncertainty
 from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.maths.covariance import Covariance
@@ -280,7 +280,7 @@ def process_reading(state: State, coefficients: Coefficients, design: Design) ->
     """Process a reading whose time is known: learn the sensor, predict, correct."""
     reading, dt = state.reading, coefficients.dt
     pace, previous = state.sensor.mean_sample_time, state.sensor.dt
-    learn_sensor(state, design)
+    learn_sensor(state, design, dt)
     unknown = reading.starting or reading.first or state.p.p02 == 0.0
     if unknown and shows_line(state, design, dt, pace, previous):
         starts.begin_line(state)
@@ -289,12 +289,12 @@ def process_reading(state: State, coefficients: Coefficients, design: Design) ->
     if reading.change != 0.0:  # a rest ends, in which samples may have been lost?
         if reading.rested > NOISE_SAMPLES * (pace if 0.0 < pace < dt else dt):
             doubt_velocity_after_rest(state, dt)
-    if state.tracking.off != 0.0 and decide(state, dt):
+    if state.tracking.off != 0.0 and decide(state, design, dt):
         return
     correct(state, design, dt)
 
 
-def learn_sensor(state: State, design: Design) -> None:
+def learn_sensor(state: State, design: Design, dt: float) -> None:
     """Learn quantum, noise and vibration."""
     reading, sensor, steps, convention = state.reading, state.sensor, state.steps, state.convention
     quantum, change, last = sensor.quantum, reading.change, convention.last
@@ -309,8 +309,8 @@ def learn_sensor(state: State, design: Design) -> None:
                 rescale(state, found, reading.first)
                 quantum = found
                 preference.reset_second_filter(state.second)
-    believed = state.tracking.count if state.tracking.status == COASTING else math.inf
-    sensing.follow_sensor(sensor, reading.change, reading.passed, quantum, believed)
+    spoilt = is_spoilt(state, design, dt)
+    sensing.follow_sensor(sensor, reading.change, reading.passed, quantum, spoilt)
     if reading.evidence > sampling.BELIEVED:
         sensing.age_noise(sensor, state.motion.velocity)
     follow_convention(convention, reading.angle, design.period)
