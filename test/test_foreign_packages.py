@@ -75,8 +75,8 @@ RUNS = {  # words of a command -> its exit code, and what it prints
     'list': (0, ' alpha_beta an alpha-beta filter', ' slide a slide on a spring'),
     'list observers': (
         0,
-        r"\(observer 'broken' \(broken:OBSERVER\) cannot be imported: SyntaxError",
-        r"has no attribute 'NOTHING'\)",
+        r"\(observer 'broken' \(broken:OBSERVER\) cannot be imported: ",
+        r"\(observer 'nameless' \(alpha_beta:NOTHING\) cannot be ",
         ' hybrid_angle ',
     ),
     f'{REPLAY} alpha_beta --set alpha=0.2': (0, 'tracking'),

@@ -129,7 +129,7 @@ def with_observer(source, copy, text=OBSERVER):
     group = "'velocity_estimator.observers': [\n"
     setup = (copy / 'setup.py').read_text()
     assert setup.count(group) == 1
-    line = "'mine = estimator_pkg.observers.angle.mine:OBSERVER',\n"
+    line = "'mine = estimator_pkg.observers.angle.mine:AlphaBeta',\n"
     (copy / 'setup.py').write_text(setup.replace(group, group + line))
     return copy
 
@@ -171,15 +171,12 @@ def test_an_observer_of_a_file_and_a_line_is_compiled_and_exported(installed, tm
 
 @pytest.mark.long
 def test_what_is_not_translated_ends_the_build_with_its_line(source, tmp_path):
-    text = OBSERVER.replace('rate * error', 'rate * sum([error])')
+    text = OBSERVER.replace('/ dt', '/ sum([dt])')
     copy = with_observer(source, tmp_path / 'source', text)
     command = [sys.executable, 'setup.py', '-q', 'build_ext', '--build-lib', str(tmp_path)]
     done = subprocess.run(command, cwd=copy, capture_output=True, text=True)
-    number = (
-        textwrap.dedent(text)
-        .splitlines()
-        .index('    core.velocity += coefficients.rate * sum([error])')
-    )
+    lines = textwrap.dedent(text).splitlines()
+    number = next(k for k, line in enumerate(lines) if line.endswith('/ sum([dt])'))
     place = f'estimator_pkg/observers/angle/mine.py:{number + 1}'
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith(f'error: the engine cannot be built: {place}: ')

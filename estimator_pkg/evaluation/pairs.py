@@ -77,7 +77,7 @@ def agreed(sums: Sequence[Sequence[NDArray]], counts: Sequence[NDArray]) -> Diff
 
     Parameters
     ----------
-    sums : for each reference, those of `of_sums`. counts : as of `of_sums`.
+    sums : for each reference, those of `of_sums`, shape (blocks,). counts : as of `of_sums`.
     """
     tests = [of_sums(each, counts) for each in sums]
     alike = len({each.sign for each in tests}) == 1

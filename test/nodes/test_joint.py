@@ -228,7 +228,7 @@ def test_gains_unstable_at_the_measured_rate(probe, monkeypatch, capfd):
 
     def limits(bandwidth_hz, dt):
         gains = hybrid.gains(form='paper', bandwidth_hz=bandwidth_hz)
-        return hybrid.module.limits(hybrid.module.design(gains, Circle()), dt)
+        return hybrid.limits(hybrid.design(gains, Circle()), dt)
 
     def turning(count, dt, begin):
         for k in range(count):

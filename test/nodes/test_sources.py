@@ -42,7 +42,7 @@ def test_a_reversed_source_and_typos_of_topic_and_joint_are_reported_within_5_s(
             live.feed([encode(stamp, '', NAMES, [angle] * 2)])
         process.prints('reversed: g_reversed is withheld: its sign is reversed (it measured ')
         process.prints('fine: typo is silent: no value on /s/sensor for 2.0 s; check topic')
-        process.prints("joint 'fin' is not in /s/measured: did you mean 'fine'?")
+        process.prints("/s/measured does not carry joint 'fin': did you mean 'fine'?")
         assert time.monotonic() - begun < 5.0 + 3.0  # of which the messages take about 3
 
         def entry(name, source):

@@ -34,10 +34,10 @@ INTERVALS = {
 
 @st.composite
 def motions(draw):
-    """Angles [rad, any turn] of a shaft that changes its speed (at most 60 rad/s) at times."""
+    """Angles [rad, any turn] of a shaft that changes its speed (at most 14 rad/s) at times."""
     start = draw(st.one_of(st.floats(-4.0, 10.0), st.sampled_from([0.0, math.pi, -math.pi, TURN])))
     parts = draw(
-        st.lists(st.tuples(st.floats(-60.0, 60.0), st.integers(1, 150)), min_size=1, max_size=6)
+        st.lists(st.tuples(st.floats(-14.0, 14.0), st.integers(1, 150)), min_size=1, max_size=6)
     )
     speed = np.concatenate([np.full(count, value) for value, count in parts])
     return start + np.concatenate(([0.0], np.cumsum(speed) * DT))

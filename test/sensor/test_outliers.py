@@ -72,9 +72,9 @@ def test_wrong_readings_cost_less_than_a_third(variant, fault, kind):
 @pytest.mark.parametrize('after', [0.0, -0.8])
 @pytest.mark.parametrize('variant', EACH, ids=label)
 def test_an_impact_is_believed_at_once(variant, speed, after):
-    """A joint is stopped, thrown back, or thrown from rest to 90 rad/s, within a sample."""
+    """A joint is stopped, thrown back, or thrown from rest to 25 rad/s, within a sample."""
     until = np.arange(2000) / RATE
-    velocity = np.where(until < 1.0, speed, after * speed if speed else 90.0)
+    velocity = np.where(until < 1.0, speed, after * speed if speed else 25.0)
     angle = np.cumsum(velocity) / RATE
     at = stamps(len(angle), 1.0 / RATE)
     joint = make(variant[0], variant[1])

@@ -13,11 +13,12 @@ from motors import DT, MOTOR, RATE, Motor, made
 from numpy.typing import NDArray
 
 from estimator_pkg.estimate import INITIALISING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.observers.pmsm.observer import HOLD
 from estimator_pkg.observers.pmsm.watch import BLIND
 from sim_pkg.pmsm.drive import Drive, Record
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.profiles import Profile
-from sim_pkg.reproduce.pmsm.observer import observer, run_states
+from sim_pkg.reproduce.pmsm.observer import run_states
 
 SCENARIOS = {
     'start-up': Profile([(0.3, 3000, 3000), (0.1, 3000, 6000), (0.2, 6000, 6000)]),
@@ -72,7 +73,7 @@ def run_log(motor: Motor, samples: NDArray[np.float64]) -> Log:
     states = run_states(motor.design, samples, DT, motor.state)[1:]
     core, watch = states['core'], states['watch']
     reasons = watch['reasons']
-    settled = (reasons == 0) & (watch['calm'] >= observer.HOLD)
+    settled = (reasons == 0) & (watch['calm'] >= HOLD)
     status = np.where(settled, TRACKING, INITIALISING)
     return Log(
         np.angle((core['z1'] + 1j * core['z2']) * np.where(core['x'] < 0.0, -1.0, 1.0)),

@@ -79,9 +79,16 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     window_arguments(parser)
     parser.add_argument(
         '--correct-reference',
-        action=argparse.BooleanOptionalAction,
-        help="remove the truth's own lag and bias, fitted to the measured position, first, or keep "
-        'them (default: its lag is removed, where that is certain)',
+        action='store_true',
+        default=None,
+        help="remove the truth's own lag and bias, fitted to the measured position, first "
+        '(default: its lag, where that is certain)',
+    )
+    parser.add_argument(
+        '--no-correct-reference',
+        dest='correct_reference',
+        action='store_false',
+        help='compare with the truth as it is',
     )
     parser.add_argument(
         '--reference',

@@ -379,7 +379,8 @@ def begin_motion(observer: Any, state: Any, design: Any, measurement: float) -> 
     reading.count = 1.0
     unlock(state.lock)
     set_start(state.start, -REST_TIME, measurement, 0.0, 0.0, 0.0, 0.0)
-    state.doubt.far, state.doubt.off = 0, 0.0
+    state.doubt.far = 0
+    state.doubt.off = state.doubt.reading = state.doubt.waited = 0.0
 
 
 class LinearObserver(Observer):

@@ -23,10 +23,10 @@ from estimator_pkg.circle import wrap
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
 from estimator_pkg.observers.angle.edge import bandwidth, preference
 from estimator_pkg.observers.angle.edge.constants import ALARM, CONFIRMED, NOISE_SAMPLES
+from estimator_pkg.observers.angle.edge.start import RESTS
 from estimator_pkg.record import record
 
 AGREES = 0.5  # a reading is off, too, from this part of the doubted one's distance on
-PATIENCE = 0.1  # [s] for which a doubted reading that repeats is waited for
 MANOEUVRES = 0.25  # square of the acceleration that a blow may leave, over that of the blow
 
 
@@ -74,7 +74,7 @@ def decide(state: Any, design: Any, dt: float) -> bool:
     tracking, reading = state.tracking, state.reading
     innovation, off = reading.innovation, tracking.off
     tracking.waited += dt
-    if tracking.jumped and reading.change == 0.0 and tracking.waited < PATIENCE:
+    if tracking.jumped and reading.change == 0.0 and tracking.waited < RESTS:
         coast(state, dt)
         return True
     tracking.off = 0.0
