@@ -319,8 +319,8 @@ def learn_sensor(state: State, design: Design, dt: float) -> None:
 def rescale(state: State, quantum: float, first: bool) -> None:
     """Use another quantum [rad] from now on.
 
-    Covariance, process noise and sensor stay as they were in quanta, but a finer quantum makes no
-    estimate surer.
+    The process noise stays as it was in quanta. A finer quantum makes no estimate surer, and a
+    larger one none vaguer.
 
     Parameters
     ----------
@@ -335,7 +335,6 @@ def rescale(state: State, quantum: float, first: bool) -> None:
     if first:
         sensor.noise *= scale
         sensor.vibration_power *= scale
-    if scale > 1.0 or first:
         p.p00, p.p01, p.p02 = p.p00 * scale, p.p01 * scale, p.p02 * scale
         p.p11, p.p12, p.p22 = p.p11 * scale, p.p12 * scale, p.p22 * scale
 
