@@ -24,14 +24,14 @@ KEPT = 200  # messages kept per topic, to match estimates with truth by stamp
 
 
 class Moment(NamedTuple):
-    """What is known of one stamp: rad, rad/s; `count` estimates were received."""
+    """What is known of one stamp: rad, rad/s; `received` estimates came."""
 
     seconds: float
     angle: float
     true: float
     difference: float
     estimate: float
-    count: int
+    received: int
 
 
 class Listener:
@@ -92,7 +92,9 @@ def picture(moment: Moment, joints: Mapping[str, Joint]) -> Group:
     compared.add_row('true', f'{moment.true:+.3f}')
     for name, value in (('difference', moment.difference), ('estimate', moment.estimate)):
         compared.add_row(name, f'{value:+.3f}', f'{value - moment.true:+.3f}')
-    begun = f't {moment.seconds:.1f} s, {moment.count} estimates, measured {moment.angle:+.4f} rad'
+    begun = (
+        f't {moment.seconds:.1f} s, {moment.received} estimates, measured {moment.angle:+.4f} rad'
+    )
     return Group(Text(begun, style='dim'), table(joints), Text(), compared)
 
 
