@@ -1,15 +1,23 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Split a stream into chunks, make its messages, merge those that arrive later than their chunk."""
+"""Split a stream into chunks, make its messages, merge those that arrive later than their chunk.
+
+Most simulators publish joints: measured ones, and their truth.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from operator import attrgetter
 
-from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.messages.joint_state import TYPE, Encoder
 from sim_pkg.contract import Message, Topic
+from sim_pkg.joints.sensor import Samples
+
+MEASURED = Topic('joint_states', TYPE)
+TRUTH = Topic('ground_truth/joint_states', TYPE, truth=True)
 
 
 def sample_count(duration: float, rate: float) -> float:
@@ -36,16 +44,12 @@ def in_order(chunks: Iterable[tuple[list[Message], int]]) -> Iterator[list[Messa
     """
     waiting: list[Message] = []  # due after the end of their chunk
     for messages, horizon_ns in chunks:
-        messages = sorted(waiting + messages, key=_due)
+        messages = sorted(waiting + messages, key=attrgetter('due_ns'))
         ready = sum(message.due_ns < horizon_ns for message in messages)
         yield messages[:ready]
         waiting = messages[ready:]
     if waiting:
         yield waiting
-
-
-def _due(message: Message) -> int:
-    return message.due_ns
 
 
 class JointStates:
@@ -74,3 +78,24 @@ class JointStates:
             return self._encoder.encode(start_ns + stamp_ns, '', *content)
 
         return Message(due_ns, self._topic, encode)
+
+
+def told(
+    measured: JointStates,
+    true: JointStates,
+    samples: Samples,
+    readings: Sequence[Sequence[float]],
+    efforts: Sequence[Sequence[float]],
+    motions: Iterable[tuple[Sequence[float], Sequence[float]]],
+) -> Iterator[Message]:
+    """Yield measurement, if it arrives, and truth of each sample of a chunk.
+
+    Parameters
+    ----------
+    readings, efforts : of all joints, for each sample.
+    motions : positions and velocities of all joints at the stamps.
+    """
+    rows = zip(samples.rows(), readings, efforts, motions)
+    for (taken, stamp, due, copies), reading, effort, (position, velocity) in rows:
+        yield from [measured.message(due, stamp, reading, (), effort)] * copies
+        yield true.message(taken, stamp, position, velocity)

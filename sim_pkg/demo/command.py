@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from estimator_pkg import interrupts
 from estimator_pkg.cli import INTERRUPTED, Command
@@ -29,11 +29,11 @@ from estimator_pkg.printable import show
 from estimator_pkg.ros.domain import free_domain
 from estimator_pkg.ros.runtime import prepare_environment
 from estimator_pkg.streams.angle import AngleSettings
-from sim_pkg.demo.listener import ESTIMATE, MEASURED, OBSERVER, TOPICS, Listener
+from sim_pkg.demo.processes import Child
 
-if TYPE_CHECKING:
-    from sim_pkg.demo.processes import Child
-
+MEASURED, TRUTH = '/joint_states', '/ground_truth/joint_states'
+OBSERVER = '/joint_observer'
+ESTIMATE, STDDEV = f'{OBSERVER}/estimate', f'{OBSERVER}/estimate_stddev'
 COUNTS = 4096
 RATE = 500  # samples per second
 EXAMPLE = Path('bags/dfki_double_pendulum/sys_id_500hz')  # in the folder of the sources
@@ -160,35 +160,32 @@ def following(bag: Path) -> list[str]:
     name, topics = str(EXAMPLE), ''
     if not EXAMPLE.is_dir():  # the bag of the demo has estimates, too
         name, topics = shlex.quote(str(bag)), f' --topics {MEASURED}'
-    activate, ros = [], ''
-    script = Path(sys.prefix, 'bin', 'activate')
-    if os.environ.get('VIRTUAL_ENV') != sys.prefix and script.is_file():
-        activate = [f'. {shlex.quote(os.path.relpath(script))}']
-    elif not shutil.which('joint_observer'):  # ROS has the executables
-        ros = 'ros2 run velocity_estimator '
-    commands = [
-        *activate,
-        f'{ros}velocity_estimator doctor {name} --out my_robot.yaml',
-        f'{ros}joint_observer --ros-args --params-file my_robot.yaml -p use_sim_time:=true',
-        '# in a second terminal',
-        *activate,
-        f'{ros}velocity_estimator play {name}{topics} --clock --loop',
+    scripts = Path(sys.prefix, 'bin')
+    if shutil.which('joint_observer'):
+        front = ''
+    elif (scripts / 'joint_observer').is_file():
+        front = f'{shlex.quote(os.path.relpath(scripts))}/'
+    else:
+        front = 'ros2 run velocity_estimator '
+    return [
+        f'    {front}velocity_estimator doctor {name} --out my_robot.yaml',
+        f'    {front}joint_observer --ros-args --params-file my_robot.yaml -p use_sim_time:=true',
+        '    # in a second terminal',
+        f'    {front}velocity_estimator play {name}{topics} --clock --loop',
     ]
-    return [f'    {each}' for each in commands]
 
 
 def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str]) -> int:
     """Start the processes, show their values, end them; return the number of estimates."""
-    from sim_pkg.demo.processes import Child
-
+    topics = MEASURED, TRUTH, ESTIMATE, STDDEV
     nodes = 'estimator_pkg.nodes.executables', 'sim_pkg.nodes.executables'
-    quantum = {'quantum': 2.0 * math.pi / COUNTS, 'observer': parsed.observer}
+    observer = {'quantum': 2.0 * math.pi / COUNTS, 'observer': parsed.observer}
     motion = MOTION | {'duration': parsed.duration + PATIENCE}
     with contextlib.ExitStack() as stack:
         children = []
         for name, module, words in (
-            ('joint_observer', nodes[0], _ros('joint_observer', quantum)),
-            ('record', 'estimator_pkg.cli', ['record', *TOPICS, '--out', str(bag)]),
+            ('joint_observer', nodes[0], _ros('joint_observer', observer)),
+            ('record', 'estimator_pkg.cli', ['record', *topics, '--out', str(bag)]),
             ('encoder_sim', nodes[1], _ros('encoder_sim', motion)),
         ):
             with interrupts.held():  # else it might leave a process that nobody ends
@@ -206,46 +203,36 @@ def _ros(executable: str, parameters: Mapping[str, Any]) -> list[str]:
 
 def _show(parsed: argparse.Namespace, children: list[Child]) -> int:
     """Show the table until the time is up; return the number of estimates."""
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
-
+    from estimator_pkg.bags.live import live
     from estimator_pkg.nodes.watching import Watching
-    from estimator_pkg.ros.runtime import make_executor
-    from sim_pkg.demo.table import FRAME, Display
+    from estimator_pkg.watch import FRAME, Screen
+    from sim_pkg.demo.live import Listener, line, picture
 
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # signals stay ours
-    try:
-        node, executor = rclpy.create_node('demo'), make_executor()
-        executor.add_node(node)
-        listener, watching = Listener(node), Watching(node, OBSERVER)
+    with live('demo') as here, Screen() as screen:
+        listener, watching = Listener(here.node), Watching(here.node, OBSERVER)
         show(f'encoder_sim: {COUNTS} counts at {RATE} Hz  ->  joint_observer: {parsed.observer}')
-        display = Display()
-        with display:
-            begun = frame = time.monotonic()
-            started = math.inf
-            while (now := time.monotonic()) < started + parsed.duration:
-                with interrupts.gently():  # rclpy prints what is raised in a callback
-                    executor.spin_once(timeout_sec=FRAME / 4.0)
-                if interrupts.came():
-                    raise KeyboardInterrupt
-                if now < frame:
-                    continue
-                frame = now + FRAME
-                for child in children:
-                    child.check()
-                watching.look()
-                moment = listener.snapshot()
-                if moment is not None:
-                    started = min(started, now)
-                    display.frame(moment, watching.joints)
-                elif now > begun + PATIENCE:
-                    raise UserError(
-                        f'no estimate within {PATIENCE:g} s; last line of the observer: '
-                        f'{children[0].last_line()}'
-                    )
+        begun = frame = time.monotonic()
+        started = math.inf
+        while (now := time.monotonic()) < started + parsed.duration:
+            here.spin(FRAME / 4.0)
+            if here.stopping:
+                raise KeyboardInterrupt
+            if now < frame:
+                continue
+            frame = now + FRAME
+            for child in children:
+                child.check()
+            watching.look()
+            moment = listener.moment()
+            if moment is not None:
+                started = min(started, now)
+                screen.show(picture(moment, watching.joints), line(moment, watching.joints))
+            elif now > begun + PATIENCE:
+                raise UserError(
+                    f'no estimate within {PATIENCE:g} s; last line of the observer: '
+                    f'{children[0].last_line()}'
+                )
         return listener.count
-    finally:
-        rclpy.try_shutdown()
 
 
 COMMAND = Command(

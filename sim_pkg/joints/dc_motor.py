@@ -9,12 +9,12 @@ The plant (34) of Gonzalez-Olvera and Tang.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from estimator_pkg.parameters import structural
-from sim_pkg.contract import Message, Simulator, Topic
-from sim_pkg.joints.driven import MEASURED, SUBSTEP, TRUTH, DrivenParameters, Plant, stream
+from sim_pkg.chunks import MEASURED, TRUTH
+from sim_pkg.contract import Simulator
+from sim_pkg.joints.driven import SUBSTEP, DrivenParameters, Plant, stream
 
 RANDOM, SINES = 'random', 'sines'
 
@@ -98,29 +98,14 @@ class Motor(Plant):
         """Return w, or 0 where Coulomb friction stops a slow or reversing joint [rad/s]."""
         friction = self._p.coulomb
         slow = abs(w) <= SUBSTEP * friction / self._p.inertia
-        if (
-            friction > 0.0
-            and (slow or before * w < 0.0)
-            and abs(self._torque(q, 0.0, u)) <= friction
-        ):
-            return 0.0
-        return w
-
-
-def topics(parameters: MotorParameters) -> tuple[Topic, ...]:
-    """Return the topics: angle with voltage, and truth."""
-    return MEASURED, TRUTH
-
-
-def generate(parameters: MotorParameters, duration: float, seed: int) -> Iterator[list[Message]]:
-    """Yield chunks of messages; see `sim_pkg.contract`."""
-    return stream(Motor(parameters, seed), parameters, duration, seed)
+        held = friction > 0.0 and abs(self._torque(q, 0.0, u)) <= friction
+        return 0.0 if held and (slow or before * w < 0.0) else w
 
 
 SIMULATOR = Simulator(
     name='dc_motor',
     summary='a servo motor with spring, load and friction, driven by a voltage',
     parameters=MotorParameters,
-    topics=topics,
-    generate=generate,
+    topics=lambda p: (MEASURED, TRUTH),
+    generate=lambda p, duration, seed: stream(Motor(p, seed), p, duration, seed),
 )

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A joint that a known input drives, as a stream of messages: angle and effort, and the truth.
+"""Joints as streams of messages: angle and effort of a joint that an input drives, and the truth.
 
 The drive takes a new input at each sample and keeps it constant until the next. A measurement
 carries the angle at its stamp and, as its effort, the input since the previous sample.
@@ -19,7 +19,7 @@ import numpy as np
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.parameters import structural
-from sim_pkg.chunks import JointStates, in_order, sizes
+from sim_pkg.chunks import MEASURED, TRUTH, JointStates, in_order, sizes, told
 from sim_pkg.contract import Message, Topic, check_rate
 from sim_pkg.joints.sensor import (
     MULTI_TURN,
@@ -31,8 +31,6 @@ from sim_pkg.joints.sensor import (
     SensorParameters,
 )
 
-MEASURED = Topic('joint_states', JOINT_STATE)
-TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 EVENTS = Topic('switch_event', JOINT_STATE)
 CHUNK = 64  # samples made at a time
 SUBSTEP = 1e-3  # longest integration step [s]
@@ -127,9 +125,9 @@ def _chunks(
     longest = min(SUBSTEP, PART / max(parameters.fastest, 1e-9))
     for count in counts:
         samples = line.carry(count)
-        rows = []
+        angles, efforts, motions = [], [], []
         messages: list[Message] = []
-        for taken_ns in samples.taken_ns.tolist():
+        for taken_ns, stamp_ns, _, _ in samples.rows():
             taken = taken_ns / SECOND
             event = plant.event(last, taken)
             if event is not None:
@@ -141,18 +139,11 @@ def _chunks(
                 messages.append(JointStates(EVENTS, (mode,)).message(at_ns, at_ns, ()))
             if taken > last:
                 motion = advance(plant, motion, taken - last, u, longest)
-            rows.append((motion, u))
+            ahead = (stamp_ns - taken_ns) / SECOND  # not 0 if stamps are wrong
+            angles.append(motion.q)
+            efforts.append((u,))
+            motions.append(((motion.q + ahead * motion.w,), (motion.w,)))
             last, u = taken, plant.input(taken)
-        readings = sensor.read(np.array([row[0].q for row in rows])).tolist()
-        for stamp, taken_ns, due, copies, reading, ((q, w), effort) in zip(
-            samples.stamp_ns.tolist(),
-            samples.taken_ns.tolist(),
-            samples.due_ns.tolist(),
-            samples.copies.tolist(),
-            readings,
-            rows,
-        ):
-            messages += [measured.message(due, stamp, (reading,), (), (effort,))] * copies
-            ahead = (stamp - taken_ns) / SECOND  # not 0 if stamps are wrong
-            messages.append(true.message(taken_ns, stamp, (q + ahead * w,), (w,)))
+        readings = sensor.read(np.array(angles))[:, None].tolist()
+        messages += told(measured, true, samples, readings, efforts, motions)
         yield messages, samples.horizon_ns

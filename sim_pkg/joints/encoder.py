@@ -5,35 +5,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import Writer
-from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.parameters import structural
-from sim_pkg.chunks import JointStates, in_order, sizes
+from sim_pkg.chunks import MEASURED, TRUTH, JointStates, in_order, sizes, told
 from sim_pkg.contract import Message, Simulator, Topic
-from sim_pkg.joints.profiles import Profile, ProfileParameters, make_profile
+from sim_pkg.joints.profiles import ProfileParameters, make_profile
 from sim_pkg.joints.second import GYRO, MOTOR, Play, SecondParameters, SecondSensors
 from sim_pkg.joints.sensor import (
     RAW_COUNTS,
     SECOND,
     AngleSensor,
-    Floats,
     Line,
     SensorParameters,
-    Whole,
     random_stream,
 )
 
-MEASURED = Topic('joint_states', JOINT_STATE)
 COUNTS = Topic('angle', 'std_msgs/msg/Int32')
-TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
-
 CHUNK = 64  # samples made at a time: few, so that none is published late
 
 
@@ -74,17 +67,6 @@ def topics(parameters: EncoderParameters) -> tuple[Topic, ...]:
     )
 
 
-class Shaft:
-    """One joint: its motion and its sensor."""
-
-    def __init__(self, parameters: EncoderParameters, seed: int, joint: int) -> None:
-        self.motor: Profile = make_profile(
-            parameters, random_stream(seed, 'profile', joint), ratio=parameters.joint_ratio**joint
-        )
-        self.play = Play(self.motor, parameters.backlash if joint == 0 else 0.0)
-        self.sensor = AngleSensor(parameters, seed, joint)
-
-
 def generate(parameters: EncoderParameters, duration: float, seed: int) -> Iterator[list[Message]]:
     """Yield chunks of `CHUNK` samples: measurement and truth (see `sim_pkg.contract`).
 
@@ -97,43 +79,44 @@ def generate(parameters: EncoderParameters, duration: float, seed: int) -> Itera
 def _chunks(
     parameters: EncoderParameters, counts: Iterator[int], seed: int
 ) -> Iterator[tuple[list[Message], int]]:
-    shafts = [Shaft(parameters, seed, joint) for joint in range(len(parameters.joints))]
-    line, p = Line(parameters, seed), parameters
-    second = SecondSensors(p, p.counts_per_revolution, p.joints[0], shafts[0].motor, seed)
-    measured, true = JointStates(MEASURED, p.joints), JointStates(TRUTH, p.joints)
+    p, joints = parameters, range(len(parameters.joints))
+    motors = [
+        make_profile(p, random_stream(seed, 'profile', joint), ratio=p.joint_ratio**joint)
+        for joint in joints
+    ]
+    shafts = [Play(motor, 0.0 if joint else p.backlash) for joint, motor in enumerate(motors)]
+    sensors, line = [AngleSensor(p, seed, joint) for joint in joints], Line(p, seed)
+    second = SecondSensors(p, p.counts_per_revolution, p.joints[0], motors[0], seed)
+    measured = Counts(COUNTS, ()) if p.convention == RAW_COUNTS else JointStates(MEASURED, p.joints)
+    true = JointStates(TRUTH, p.joints)
     for count in counts:
         samples = line.carry(count)
-        taken, stamped = _seconds(samples.taken_ns), _seconds(samples.stamp_ns)
-        moved = [tuple(shaft.play.motions(taken, stamped)) for shaft in shafts]
-        readings = np.array([shaft.sensor.read(at[0]) for shaft, (at, _) in zip(shafts, moved)]).T
-        motions = np.array([at_stamp for _, at_stamp in moved]).transpose(2, 1, 0)
-        messages = list(second.messages(samples, moved[0][0][1]))
-        for stamp, taken_ns, due, copies, reading, (position, velocity) in zip(
-            samples.stamp_ns.tolist(),
-            samples.taken_ns.tolist(),
-            samples.due_ns.tolist(),
-            samples.copies.tolist(),
-            readings.tolist(),
-            motions.tolist(),
-        ):
-            if p.convention == RAW_COUNTS:
-                message = Message(due, COUNTS.name, partial(_count, reading[0]))
-            else:
-                message = measured.message(due, stamp, reading)
-            messages += [message] * copies
-            messages.append(true.message(taken_ns, stamp, position, velocity))
+        times = samples.taken_ns / SECOND, samples.stamp_ns / SECOND
+        taken, stamped = zip(*(shaft.motions(*times) for shaft in shafts))
+        readings = np.array([sensor.read(at) for sensor, (at, _) in zip(sensors, taken)]).T
+        motions = np.array(stamped).transpose(2, 1, 0)
+        messages = [
+            *second.messages(samples, taken[0][1]),
+            *told(measured, true, samples, readings.tolist(), [()] * count, motions.tolist()),
+        ]
         yield messages, samples.horizon_ns
 
 
-def _seconds(nanoseconds: Whole) -> Floats:
-    return nanoseconds.astype(np.float64) / SECOND
+class Counts(JointStates):
+    """Makes messages of one count; an Int32 carries no stamp."""
 
-
-def _count(reading: float, start_ns: int) -> bytes:
-    """Encode one count; an Int32 carries no stamp."""
-    writer = Writer()
-    writer.numbers('i', (int(reading),))
-    return bytes(writer.raw)
+    def message(
+        self,
+        due_ns: int,
+        stamp_ns: int,
+        positions: Sequence[float],
+        velocities: Sequence[float] = (),
+        efforts: Sequence[float] = (),
+    ) -> Message:
+        """Return a message with the only position."""
+        writer = Writer()
+        writer.numbers('i', (int(positions[0]),))
+        return Message(due_ns, COUNTS.name, lambda start_ns: bytes(writer.raw))
 
 
 SIMULATOR = Simulator(

@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from estimator_pkg.models import gripper
 from estimator_pkg.parameters import structural
-from sim_pkg.contract import Message, Simulator, Topic
-from sim_pkg.joints.driven import EVENTS, MEASURED, TRUTH, DrivenParameters, Plant, stream
+from sim_pkg.chunks import MEASURED, TRUTH
+from sim_pkg.contract import Simulator
+from sim_pkg.joints.driven import EVENTS, DrivenParameters, Plant, stream
 
 
 @dataclass(frozen=True)
@@ -91,20 +91,10 @@ class Gripper(Plant):
         return at, 'open' if before % 2 else 'close'
 
 
-def topics(parameters: GripperParameters) -> tuple[Topic, ...]:
-    """Return the topics: angle with torque, events, and truth."""
-    return MEASURED, EVENTS, TRUTH
-
-
-def generate(parameters: GripperParameters, duration: float, seed: int) -> Iterator[list[Message]]:
-    """Yield chunks of messages; see `sim_pkg.contract`."""
-    return stream(Gripper(parameters), parameters, duration, seed)
-
-
 SIMULATOR = Simulator(
     name='gripper',
     summary='a joint whose load changes when its gripper closes or opens',
     parameters=GripperParameters,
-    topics=topics,
-    generate=generate,
+    topics=lambda p: (MEASURED, EVENTS, TRUTH),
+    generate=lambda p, duration, seed: stream(Gripper(p), p, duration, seed),
 )

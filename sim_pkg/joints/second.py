@@ -69,22 +69,20 @@ class Play:
         self._motor, self._half = motor, 0.5 * backlash
         self._at = 0.0
 
-    def motions(self, *times: Floats) -> Iterator[tuple[Floats, Floats]]:
-        """Yield position and velocity at times of a chunk of samples [s], each of shape (n,).
+    def motions(self, *times: Floats) -> list[tuple[Floats, Floats]]:
+        """Return position and velocity at times of a chunk of samples [s], each of shape (n,).
 
         The first ones are those of sampling.
         """
+        found = [self._motor(each)[:2] for each in times]
+        if not self._half:
+            return found
         before = np.empty(len(times[0]))
-        if self._half:
-            for k, angle in enumerate(self._motor(times[0])[0].tolist()):
-                before[k] = self._at
-                self._at = min(max(self._at, angle - self._half), angle + self._half)
-        for each in times:
-            position, velocity, _ = self._motor(each)
-            if self._half:
-                position = np.clip(before, position - self._half, position + self._half)
-                velocity = np.where(position != before, velocity, 0.0)
-            yield position, velocity
+        for k, angle in enumerate(found[0][0].tolist()):
+            before[k] = self._at
+            self._at = min(max(self._at, angle - self._half), angle + self._half)
+        followed = [np.clip(before, q - self._half, q + self._half) for q, _ in found]
+        return [(q, np.where(q != before, w, 0.0)) for q, (_, w) in zip(followed, found)]
 
 
 class SecondSensors:

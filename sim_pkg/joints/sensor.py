@@ -3,10 +3,9 @@
 
 """An angle sensor and its transport, with every fault that users report.
 
-Faults of the value (`AngleSensor`, one per joint): eccentricity, noise, outliers,
-quantisation, repeated readings, a stuck sensor, the wrap convention. Faults of time and transport
-(`Line`, one per stream): jitter of sampling and of stamps, dropped and duplicated samples, gaps,
-bursts.
+Faults of the value (`AngleSensor`, one per joint): those of the table `ERRORS`, quantisation,
+repeated readings, a stuck sensor, the wrap convention. Faults of time and transport (`Line`, one
+per stream): jitter of sampling and of stamps, dropped and duplicated samples, gaps, bursts.
 
 Each fault draws from its own random stream, one draw per sample whatever happens to the sample.
 Enabling one fault, or changing its rate, does not change the draws of the others.
@@ -16,6 +15,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -137,18 +137,16 @@ class Episodes:
 
     Parameters
     ----------
-    random : one draw per sample.
-    every : mean time from the end of one to the start of the next [s]; 0: never.
-    length : of each [s], at least one sample.
-    period : sample time [s].
+    parameters : for a fault `name`, `name`_every is the mean time from the end of one episode to
+        the start of the next [s] (0: never), and `name`_length that of each, at least one sample.
+    seed, joint : determine the random stream: one draw per sample.
     """
 
-    def __init__(
-        self, random: np.random.Generator, every: float, length: float, period: float
-    ) -> None:
-        self._random = random
-        self._chance = period / every if every > 0.0 else 0.0
-        self._samples = max(1, round(length / period))
+    def __init__(self, parameters: SensorParameters, name: str, seed: int, joint: int = 0) -> None:
+        every, length = (getattr(parameters, f'{name}_{what}') for what in ('every', 'length'))
+        self._random = random_stream(seed, name, joint)
+        self._chance = parameters.period / every if every > 0.0 else 0.0
+        self._samples = max(1, round(length / parameters.period))
         self._until = 0  # sample at which the latest episode ends
 
     def ends(self, first: int, count: int) -> Whole:
@@ -167,6 +165,20 @@ class Episodes:
         return ends
 
 
+def _outliers(p: SensorParameters, angle: Floats, random: np.random.Generator) -> Floats:
+    draw, sign = random.random((len(angle), 2)).T
+    size = np.where(sign < 0.5, -p.outlier_size, p.outlier_size)
+    return np.where(draw < p.outliers, size, 0.0)
+
+
+# errors of the angle before quantisation [rad], each by the parameter that switches it on
+ERRORS: dict[str, Callable[[SensorParameters, Floats, np.random.Generator], Floats]] = {
+    'eccentricity': lambda p, angle, random: p.eccentricity * np.sin(angle),
+    'noise': lambda p, angle, random: p.noise * random.standard_normal(len(angle)),
+    'outliers': _outliers,
+}
+
+
 class AngleSensor:
     """One joint's sensor. Pass the true angles of all samples, in order, to `read`.
 
@@ -178,41 +190,21 @@ class AngleSensor:
 
     def __init__(self, parameters: SensorParameters, seed: int, joint: int = 0) -> None:
         self._p = parameters
-        self._noise = random_stream(seed, 'noise', joint)
-        self._outliers = random_stream(seed, 'outliers', joint)
-        self._repeated = random_stream(seed, 'repeated', joint)
-        self._stuck = Episodes(
-            random_stream(seed, 'stuck', joint),
-            parameters.stuck_every,
-            parameters.stuck_length,
-            parameters.period,
-        )
+        self._random = {name: random_stream(seed, name, joint) for name in (*ERRORS, 'repeated')}
+        self._stuck = Episodes(parameters, 'stuck', seed, joint)
         self._index = 0
         self._held = 0.0  # last reading, in counts if the sensor has a resolution, else in rad
 
     def read(self, angle: Floats) -> Floats:
         """Return the readings for these true angles [rad], shape (n,), in the wrap convention."""
-        reading = self._hold(self._quantised(self._disturbed(angle)))
-        return written(reading, self._p.counts_per_revolution, self._p.convention)
-
-    def _disturbed(self, angle: Floats) -> Floats:
-        p, count = self._p, len(angle)
-        disturbed = angle
-        if p.eccentricity > 0.0:
-            disturbed = disturbed + p.eccentricity * np.sin(angle)
-        if p.noise > 0.0:
-            disturbed = disturbed + p.noise * self._noise.standard_normal(count)
-        if p.outliers > 0.0:
-            draw, sign = self._outliers.random((count, 2)).T
-            size = np.where(sign < 0.5, -p.outlier_size, p.outlier_size)
-            disturbed = disturbed + np.where(draw < p.outliers, size, 0.0)
-        return disturbed
-
-    def _quantised(self, angle: Floats) -> Floats:
-        counts = self._p.counts_per_revolution
-        if not counts:
-            return angle
-        return np.floor(angle * (counts / TURN))
+        p, reading = self._p, angle
+        for name, error in ERRORS.items():
+            if getattr(p, name) > 0.0:
+                reading = reading + error(p, angle, self._random[name])
+        counts = p.counts_per_revolution
+        if counts:
+            reading = np.floor(reading * (counts / TURN))
+        return written(self._hold(reading), counts, p.convention)
 
     def _hold(self, reading: Floats) -> Floats:
         """Replace readings that are not fresh by the last fresh one."""
@@ -222,7 +214,7 @@ class AngleSensor:
         if p.update_every > 1:
             fresh &= index % p.update_every == 0
         if p.repeated > 0.0:
-            fresh &= self._repeated.random(count) >= p.repeated
+            fresh &= self._random['repeated'].random(count) >= p.repeated
         if self._index == 0:
             fresh[:1] = True
         source = np.maximum.accumulate(np.where(fresh, np.arange(count), -1))
@@ -271,20 +263,19 @@ class Samples(NamedTuple):
     copies: Whole
     horizon_ns: int
 
+    def rows(self) -> Iterator[tuple[int, int, int, int]]:
+        """Yield (taken_ns, stamp_ns, due_ns, copies) of each sample."""
+        return zip(*(each.tolist() for each in self[:4]))
+
 
 class Line:
     """Sampling in time, and transport from the sensor to the reader."""
 
     def __init__(self, parameters: SensorParameters, seed: int) -> None:
         self._p = p = parameters
-        self._sampling = random_stream(seed, 'sampling_jitter')
-        self._stamps = random_stream(seed, 'stamp_jitter')
-        self._dropped = random_stream(seed, 'dropped')
-        self._duplicated = random_stream(seed, 'duplicated')
-        self._gaps = Episodes(random_stream(seed, 'gap'), p.gap_every, p.gap_length, p.period)
-        self._bursts = Episodes(
-            random_stream(seed, 'burst'), p.burst_every, p.burst_length, p.period
-        )
+        faults = 'sampling_jitter', 'stamp_jitter', 'dropped', 'duplicated'
+        self._random = {name: random_stream(seed, name) for name in faults}
+        self._gaps, self._bursts = (Episodes(p, name, seed) for name in ('gap', 'burst'))
         self._index = 0
 
     def carry(self, count: int) -> Samples:
@@ -294,17 +285,19 @@ class Line:
         index = np.arange(first, first + count)
         taken = self._grid(index)
         if p.sampling_jitter > 0.0:
-            taken = taken + _whole(p.sampling_jitter * SECOND * self._sampling.random(count))
+            taken = taken + _whole(
+                p.sampling_jitter * SECOND * self._random['sampling_jitter'].random(count)
+            )
         stamp = taken
         if p.stamp_jitter > 0.0:
-            uniform = 2.0 * self._stamps.random(count) - 1.0
+            uniform = 2.0 * self._random['stamp_jitter'].random(count) - 1.0
             stamp = taken + _whole(p.stamp_jitter * SECOND * uniform)
         arrives: Mask = self._gaps.ends(first, count) == 0
         if p.dropped > 0.0:
-            arrives = arrives & (self._dropped.random(count) >= p.dropped)
+            arrives = arrives & (self._random['dropped'].random(count) >= p.dropped)
         copies = arrives.astype(np.int64)
         if p.duplicated > 0.0:
-            copies *= 1 + (self._duplicated.random(count) < p.duplicated)
+            copies *= 1 + (self._random['duplicated'].random(count) < p.duplicated)
         held_until = self._bursts.ends(first, count)
         due = np.where(held_until > 0, self._grid(held_until), taken)
         return Samples(taken, stamp, due, copies, int(self._grid(np.array([self._index]))[0]))

@@ -18,9 +18,8 @@ import numpy as np
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import odometry
-from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.parameters import structural
-from sim_pkg.chunks import JointStates, in_order, sizes
+from sim_pkg.chunks import MEASURED, TRUTH, JointStates, in_order, sizes, told
 from sim_pkg.contract import Message, Simulator, Topic
 from sim_pkg.joints.second import GYRO, imu
 from sim_pkg.joints.sensor import (
@@ -32,8 +31,6 @@ from sim_pkg.joints.sensor import (
     random_stream,
 )
 
-MEASURED = Topic('joint_states', JOINT_STATE)
-TRUE_WHEELS = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 TRUE_BASE = Topic('ground_truth/odometry', odometry.TYPE, truth=True)
 CHUNK = 16  # samples made at a time
 FINEST = 2e-3  # longest integration step [s]
@@ -130,11 +127,6 @@ class BaseParameters(SensorParameters):
             raise UsageError("'loop' needs a speed: set 'speed' to other than 0")
         if self.convention == RAW_COUNTS:
             raise UsageError("convention 'raw_counts' carries one joint: choose another one")
-
-
-def topics(parameters: BaseParameters) -> tuple[Topic, ...]:
-    """Return the topics: wheels, gyro, and the truth of both."""
-    return MEASURED, GYRO, TRUE_WHEELS, TRUE_BASE
 
 
 class Plant:
@@ -243,15 +235,13 @@ def _chunks(
     offsets = random_stream(seed, 'offset').uniform(-math.pi, math.pi, len(names))
     if p.base == ACKERMANN:  # its steering is calibrated: no mean error
         offsets[2] = math.pi / p.counts_per_revolution if p.counts_per_revolution else 0.0
-    measured, true = JointStates(MEASURED, names), JointStates(TRUE_WHEELS, names)
-    late = round(p.gyro_delay * SECOND)
+    measured, true = JointStates(MEASURED, names), JointStates(TRUTH, names)
+    late, half = round(p.gyro_delay * SECOND), round(0.5 * p.period * SECOND)
     for count in counts:
-        samples, messages = line.carry(count), []
-        for taken, stamp, due, copies in zip(
-            *(each.tolist() for each in (samples.taken_ns, samples.stamp_ns)),
-            *(each.tolist() for each in (samples.due_ns, samples.copies)),
-        ):
-            half = round(0.5 * p.period * SECOND)
+        samples = line.carry(count)
+        messages: list[Message] = []
+        positions, velocities = np.empty((count, len(names))), np.empty((count, len(names)))
+        for k, (taken, stamp, _, _) in enumerate(samples.rows()):
             if taken >= half:
                 at = taken - half
                 rate = plant.twist(at / SECOND)[1] + p.gyro_bias
@@ -260,20 +250,20 @@ def _chunks(
                     Message(at, GYRO.name, partial(imu, at + late, rate, frame_id='base_link'))
                 )
             plant.go(taken / SECOND)
-            positions, velocities = plant.joints()
-            readings = [
-                float(sensor.read(np.array([position + offset]))[0])
-                for sensor, position, offset in zip(sensors, positions, offsets)
-            ]
-            messages += [measured.message(due, stamp, readings)] * copies
-            positions = [a + b for a, b in zip(positions, offsets.tolist())]
-            messages.append(true.message(taken, stamp, positions, velocities))
+            positions[k], velocities[k] = plant.joints()
             v, w = plant.twist(taken / SECOND)
             pose = tuple(plant.pose.tolist())
             messages.append(
                 Message(taken, TRUE_BASE.name, partial(_odometry, stamp, pose, (v, 0.0, w)))
             )
-        yield messages, samples.horizon_ns - round(0.5 * p.period * SECOND)
+        positions += offsets
+        readings = np.column_stack([each.read(at) for each, at in zip(sensors, positions.T)])
+        motions = zip(positions.tolist(), velocities.tolist())
+        messages = [
+            *told(measured, true, samples, readings.tolist(), [()] * count, motions),
+            *messages,
+        ]
+        yield messages, samples.horizon_ns - half
 
 
 def _odometry(
@@ -287,6 +277,6 @@ SIMULATOR = Simulator(
     name='base',
     summary='a base on wheels with encoders and a gyro; its wheels may slip',
     parameters=BaseParameters,
-    topics=topics,
+    topics=lambda p: (MEASURED, GYRO, TRUTH, TRUE_BASE),
     generate=generate,
 )

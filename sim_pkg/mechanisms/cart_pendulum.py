@@ -7,20 +7,22 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.load import load
 from estimator_pkg.parameters import structural
+from sim_pkg.chunks import MEASURED, TRUTH
 from sim_pkg.contract import Message, Simulator
-from sim_pkg.mechanisms.balance import balancing_force, triangle
-from sim_pkg.mechanisms.stream import CHUNK, MechanismParameters, Vector, merged, stream, topics
+from sim_pkg.mechanisms.stream import CHUNK, MechanismParameters, Vector, merged, stream
 
 OPEN, TRUE_VELOCITY, OBSERVER = 'open', 'true_velocity', 'observer'
 CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87  # N/A, N, N
 LIMIT = 60.0  # of the motor's force [N]
 PATIENCE = 0.05  # longest wait for an estimate [s]
+CART_AMPLITUDE, CART_PERIOD = 0.2, 10.0  # m, s: of the cart's reference
+SOFT = 0.02  # width of the smoothed sign function in the friction compensation [m/s]
 
 PLANT = {
     'force_constant': CONSTANT,
@@ -88,6 +90,30 @@ def current(time: float, amplitude: float) -> float:
     return 0.8 if math.floor(4.0 * (time - 6.0) + 1e-9) % 2 == 0 else -0.8
 
 
+def triangle(time: float) -> tuple[float, float]:
+    """Return the cart's reference [m] and its rate [m/s]: a triangle from 0, rising first."""
+    phase = time / CART_PERIOD + 0.25
+    phase -= math.floor(phase)
+    slope = 4.0 * CART_AMPLITUDE / CART_PERIOD
+    if phase < 0.5:
+        return CART_AMPLITUDE * (4.0 * phase - 1.0), slope
+    return CART_AMPLITUDE * (3.0 - 4.0 * phase), -slope
+
+
+def balancing_force(y: Sequence[float], v: Sequence[float], reference: float, rate: float) -> float:
+    """Return the force on the cart [N] of section 6.3, with compensation of the Coulomb friction.
+
+    The paper prints the law with the wrong overall sign (as printed, a pole lies at +30.8 1/s).
+
+    Parameters
+    ----------
+    y, v : measured positions and estimated velocities (pendulum [rad], cart [m]).
+    reference, rate : of the cart [m, m/s].
+    """
+    force = 104.0 * y[0] + 20.0 * v[0] + 21.0 * (y[1] - reference) + 23.0 * (v[1] - rate)
+    return force + (FORWARD if v[1] >= 0.0 else BACKWARD) * math.tanh(v[1] / SOFT)
+
+
 def generate(
     parameters: Parameters, duration: float, seed: int, feedback: Feedback | None = None
 ) -> Iterator[list[Message]]:
@@ -104,17 +130,10 @@ def generate(
             "'control: observer' needs velocities from the topic `estimate`: run the live node "
             'cart_pendulum_sim, or set another control'
         )
-    if p.control == OPEN:
-        return stream(
-            mechanics,
-            p,
-            (math.pi, 0.0),
-            (0.0, 0.0),
-            lambda time, y, v: (current(time, p.amplitude),),
-            duration,
-            seed,
-        )
-    waits = p.control == OBSERVER
+    rest, waits = (0.0, 0.0), p.control == OBSERVER
+
+    def excite(time: float, y: Vector, v: Vector) -> Vector:
+        return (current(time, p.amplitude),)
 
     def released() -> bool:
         return not waits or (feedback is not None and feedback.velocities is not None)
@@ -122,20 +141,14 @@ def generate(
     def balance(time: float, y: Vector, v: Vector) -> Vector:
         if waits and feedback is not None:
             v = feedback.take() or v
-        reference, rate = triangle(time)
-        force = balancing_force((y[0], y[1]), (v[0], v[1]), reference, rate, FORWARD, BACKWARD)
+        force = balancing_force(y, v, *triangle(time))
         return (min(max(force, -LIMIT), LIMIT) / CONSTANT,)
 
+    if p.control == OPEN:
+        return stream(mechanics, p, (math.pi, 0.0), rest, excite, duration, seed)
+    start, chunk = (p.start_angle, 0.0), 1 if waits else CHUNK
     return stream(
-        mechanics,
-        p,
-        (p.start_angle, 0.0),
-        (0.0, 0.0),
-        balance,
-        duration,
-        seed,
-        chunk=1 if waits else CHUNK,
-        released=released,
+        mechanics, p, start, rest, balance, duration, seed, chunk=chunk, released=released
     )
 
 
@@ -143,6 +156,6 @@ SIMULATOR = Simulator(
     name='cart_pendulum',
     summary='a pendulum on a driven cart with asymmetric dry friction',
     parameters=Parameters,
-    topics=topics,
+    topics=lambda p: (MEASURED, TRUTH),
     generate=generate,
 )

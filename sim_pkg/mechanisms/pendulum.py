@@ -13,9 +13,10 @@ import numpy as np
 
 from estimator_pkg.models.load import load
 from estimator_pkg.parameters import structural
+from sim_pkg.chunks import MEASURED, TRUTH
 from sim_pkg.contract import Message, Simulator
 from sim_pkg.joints.sensor import random_stream
-from sim_pkg.mechanisms.stream import MechanismParameters, Vector, merged, stream, topics
+from sim_pkg.mechanisms.stream import MechanismParameters, Vector, merged, stream
 
 PLANT = {'inertia': 0.05, 'damping': 0.02, 'gravity': 1.5, 'coulomb': 0.05}
 SINES = 12
@@ -67,6 +68,6 @@ SIMULATOR = Simulator(
     name='pendulum',
     summary='one joint with gravity and friction, driven by a torque',
     parameters=Parameters,
-    topics=topics,
+    topics=lambda p: (MEASURED, TRUTH),
     generate=generate,
 )

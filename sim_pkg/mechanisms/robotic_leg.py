@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 from estimator_pkg.models.load import load
 from estimator_pkg.parameters import structural
+from sim_pkg.chunks import MEASURED, TRUTH
 from sim_pkg.contract import Message, Simulator
-from sim_pkg.mechanisms.stream import MechanismParameters, Vector, merged, stream, topics
+from sim_pkg.mechanisms.stream import MechanismParameters, Vector, merged, stream
 
 START = (2.2, 1.8, 0.4)
 
@@ -51,6 +52,6 @@ SIMULATOR = Simulator(
     name='robotic_leg',
     summary="the paper's robotic leg with its excitation",
     parameters=Parameters,
-    topics=topics,
+    topics=lambda p: (MEASURED, TRUTH),
     generate=generate,
 )

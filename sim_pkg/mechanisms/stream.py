@@ -18,16 +18,12 @@ import numpy as np
 
 from estimator_pkg.circle import wrap
 from estimator_pkg.errors import UsageError
-from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.models.motion import move
 from estimator_pkg.parameters import structural
-from sim_pkg.chunks import JointStates, sample_count
-from sim_pkg.contract import Message, Topic, check_rate, diverged
+from sim_pkg.chunks import MEASURED, TRUTH, JointStates, sample_count
+from sim_pkg.contract import Message, check_rate, diverged
 from sim_pkg.joints.sensor import SECOND, random_stream
-
-MEASURED = Topic('joint_states', JOINT_STATE)
-TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 
 CHUNK = 16  # samples made at a time without feedback
 FINEST = 5e-4  # longest integration step [s]
@@ -70,11 +66,6 @@ class MechanismParameters:
     )
 
 
-def topics(parameters: MechanismParameters) -> tuple[Topic, ...]:
-    """Return the topics: measurement and truth."""
-    return MEASURED, TRUTH
-
-
 def per_position(name: str, values: tuple[float, ...], count: int) -> np.ndarray:
     """Return one number per position, shape (count,); raise UsageError for other lengths."""
     if len(values) not in (1, count):
@@ -87,14 +78,13 @@ def per_position(name: str, values: tuple[float, ...], count: int) -> np.ndarray
 class Encoders:
     """Encoders with noise, a random constant offset, and quantisation; periodic joints wrap."""
 
-    def __init__(
-        self, mechanics: Mechanics, quantum: np.ndarray, noise: np.ndarray, hold: int, seed: int
-    ) -> None:
-        self._periods, self._quantum, self._noise = mechanics.periods, quantum, noise
-        self._hold, self._count = hold, 0
-        self._offset = (
-            random_stream(seed, 'encoder offset').uniform(-0.5, 0.5, mechanics.degrees) * quantum
-        )
+    def __init__(self, mechanics: Mechanics, parameters: MechanismParameters, seed: int) -> None:
+        n, self._periods = mechanics.degrees, mechanics.periods
+        self._quantum = per_position('quantum', parameters.quantum, n)
+        self._noise = per_position('noise', parameters.noise, n)
+        self._hold, self._count = parameters.hold, 0
+        offset = random_stream(seed, 'encoder offset').uniform(-0.5, 0.5, n)
+        self._offset = offset * self._quantum
         self._random = random_stream(seed, 'encoder noise')
         self._last: Vector = ()
 
@@ -154,66 +144,44 @@ def stream(
     ------
     UsageError : a number of values that fits neither all nor each position; a plant too fast.
     """
-    n = mechanics.degrees
-    encoders = Encoders(
-        mechanics,
-        per_position('quantum', parameters.quantum, n),
-        per_position('noise', parameters.noise, n),
-        parameters.hold,
-        seed,
-    )
-    rate = fastest(mechanics, q)
-    check_rate(rate)
-    parts = max(1, math.ceil(1.0 / parameters.rate / min(FINEST, PART / max(rate, 1e-9))))
-    return _samples(
-        mechanics, parameters.rate, parts, q, v, drive, encoders, duration, chunk, released
-    )
-
-
-def _samples(
-    mechanics: Mechanics,
-    rate: float,
-    parts: int,
-    q: Vector,
-    v: Vector,
-    drive: Drive,
-    encoders: Encoders,
-    duration: float,
-    chunk: int,
-    released: Callable[[], bool],
-) -> Iterator[list[Message]]:
-    n, dt = mechanics.degrees, 1.0 / rate
+    encoders = Encoders(mechanics, parameters, seed)
+    largest = fastest(mechanics, q)
+    check_rate(largest)
+    n, rate = mechanics.degrees, parameters.rate
+    dt, left = 1.0 / rate, sample_count(duration, rate)
+    parts = max(1, math.ceil(dt / min(FINEST, PART / max(largest, 1e-9))))
     measured, true = (JointStates(each, mechanics.joints) for each in (MEASURED, TRUTH))
-    left = sample_count(duration, rate)
-    k = 0
-    effort: Vector = (0.0,) * n
-    messages: list[Message] = []
-    while k < left:
-        due = round(k * SECOND / rate)
-        reading = encoders.read(q)
-        messages.append(measured.message(due, due, reading, (), effort))
-        shown = tuple(wrap(x, period) for x, period in zip(q, mechanics.periods))
-        messages.append(true.message(due, due, shown, v, effort))
-        k += 1
-        if k % chunk == 0:
-            yield messages
-            messages = []
-        if released():
-            u = drive((k - 1) * dt, reading, v)
-            with np.errstate(all='ignore'):
-                state = np.array(q), np.array(v)
-                moved = move(mechanics, *state, np.array(u[: mechanics.inputs]), dt, parts)
-            q, v = (tuple(each.tolist()) for each in moved)
-            if not all(-RUNAWAY < value < RUNAWAY for value in q + v):
-                raise diverged(k * dt)
+
+    def samples(q: Vector, v: Vector) -> Iterator[list[Message]]:
+        effort: Vector = (0.0,) * n
+        messages: list[Message] = []
+        k = 0
+        while k < left:
+            due = round(k * SECOND / rate)
+            reading = encoders.read(q)
+            messages.append(measured.message(due, due, reading, (), effort))
+            shown = tuple(wrap(x, period) for x, period in zip(q, mechanics.periods))
+            messages.append(true.message(due, due, shown, v, effort))
+            k += 1
+            if k % chunk == 0:
+                yield messages
+                messages = []
             acting = [0.0] * n
-            for index, value in zip(mechanics.actuated, u):
-                acting[index] = value
+            if released():
+                u = drive((k - 1) * dt, reading, v)
+                with np.errstate(all='ignore'):
+                    state = np.array(q), np.array(v)
+                    moved = move(mechanics, *state, np.array(u[: mechanics.inputs]), dt, parts)
+                q, v = (tuple(each.tolist()) for each in moved)
+                if not all(-RUNAWAY < value < RUNAWAY for value in q + v):
+                    raise diverged(k * dt)
+                for index, value in zip(mechanics.actuated, u):
+                    acting[index] = value
             effort = tuple(acting)
-        else:
-            effort = (0.0,) * n
-    if messages:
-        yield messages
+        if messages:
+            yield messages
+
+    return samples(q, v)
 
 
 def merged(defaults: Mapping[str, object], assignments: tuple[str, ...]) -> tuple[str, ...]:

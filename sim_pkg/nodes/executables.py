@@ -10,11 +10,11 @@ run a simulator in your own executor, pass its SIMULATOR (as in `sim_pkg.joints.
 
 from __future__ import annotations
 
-import importlib
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from estimator_pkg import registry
 from estimator_pkg.ros.runtime import run
 
 if TYPE_CHECKING:
@@ -45,8 +45,8 @@ def make_node(**options: Any) -> SimulatorNode:
     return node
 
 
-def of_simulator(name: str, module: str) -> Callable[..., int]:
-    """Return the main function of the node `name`, which runs the SIMULATOR of `module`.
+def of_simulator(name: str) -> Callable[..., int]:
+    """Return the main function of the node that runs the simulator `name`.
 
     It imports ROS and the simulator when it is called: the imports are slow, and an interrupt
     during them ends the process quietly.
@@ -57,8 +57,8 @@ def of_simulator(name: str, module: str) -> Callable[..., int]:
 
         from sim_pkg.nodes.simulator_node import SimulatorNode
 
-        simulator = importlib.import_module(module).SIMULATOR
-        return SimulatorNode(simulator, name, on_end=rclpy.try_shutdown)
+        simulator = registry.find(registry.SIMULATORS, name)
+        return SimulatorNode(simulator, f'{name}_sim', on_end=rclpy.try_shutdown)
 
     return process(make_node)
 
@@ -82,13 +82,13 @@ def process(make_node: Callable[[], SimulatorNode]) -> Callable[..., int]:
     return main
 
 
-encoder_sim = of_simulator('encoder_sim', 'sim_pkg.joints.encoder')
-dc_motor_sim = of_simulator('dc_motor_sim', 'sim_pkg.joints.dc_motor')
-gripper_sim = of_simulator('gripper_sim', 'sim_pkg.joints.gripper')
-pendulum_sim = of_simulator('pendulum_sim', 'sim_pkg.mechanisms.pendulum')
-robotic_leg_sim = of_simulator('robotic_leg_sim', 'sim_pkg.mechanisms.robotic_leg')
-pmsm_sim = of_simulator('pmsm_sim', 'sim_pkg.pmsm.simulator')
-base_sim = of_simulator('base_sim', 'sim_pkg.mechanisms.base')
+encoder_sim = of_simulator('encoder')
+dc_motor_sim = of_simulator('dc_motor')
+gripper_sim = of_simulator('gripper')
+pendulum_sim = of_simulator('pendulum')
+robotic_leg_sim = of_simulator('robotic_leg')
+pmsm_sim = of_simulator('pmsm')
+base_sim = of_simulator('base')
 cart_pendulum_sim = process(make_node)
 
 if __name__ == '__main__':

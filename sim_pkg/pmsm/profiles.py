@@ -30,6 +30,18 @@ P1 = (
     (0.10, 2000.0, 5000.0),
 )
 
+# (part of the run, start, end) over the top speed; these repeat
+SHAPES = {
+    'ramps': ((0.2, 0.3, 0.3), (0.2, 0.3, 1.0), (0.2, 1.0, 1.0), (0.2, 1.0, 0.3), (0.2, 0.3, 0.3)),
+    'reversal': ((0.3, 1.0, 1.0), (0.2, 1.0, -1.0), (0.3, -1.0, -1.0), (0.2, -1.0, 1.0)),
+    'standstill': (
+        (0.2, 0.0, 0.0),
+        (0.2, 0.0, 1.0),
+        (0.2, 1.0, 1.0),
+        (0.2, 1.0, 0.0),
+        (0.2, 0.0, 0.0),
+    ),
+}
 NAMES = ('constant', 'ramps', 'p1', 'reversal', 'standstill')
 
 
@@ -109,30 +121,17 @@ def named(name: str, speed_rpm: float, duration: float) -> Profile:
     ----------
     name : one of `NAMES`.
     speed_rpm : top speed [rpm]; P1, which has 6000 rpm, is scaled to it.
-    duration : length of one run through the profile [s]; P1, which has 0.70 s, is scaled to it.
+    duration : length of one run through the profile [s]; P1 always takes 0.70 s.
     """
-
-    def scaled(shape: list[tuple[float, float, float]], smooth: bool = True) -> Profile:
-        return Profile(
-            [(part * duration, low * speed_rpm, high * speed_rpm) for part, low, high in shape],
-            smooth=smooth,
-            repeat=True,
-        )
-
     if name == 'constant':
         return Profile([(duration, speed_rpm, speed_rpm)])
-    if name == 'ramps':
-        return scaled(
-            [(0.2, 0.3, 0.3), (0.2, 0.3, 1.0), (0.2, 1.0, 1.0), (0.2, 1.0, 0.3), (0.2, 0.3, 0.3)],
-            smooth=False,
-        )
     if name == 'p1':
         scale = speed_rpm / 6000.0
         return Profile([(part, low * scale, high * scale) for part, low, high in P1])
-    if name == 'reversal':
-        return scaled([(0.3, 1.0, 1.0), (0.2, 1.0, -1.0), (0.3, -1.0, -1.0), (0.2, -1.0, 1.0)])
-    if name == 'standstill':
-        return scaled(
-            [(0.2, 0.0, 0.0), (0.2, 0.0, 1.0), (0.2, 1.0, 1.0), (0.2, 1.0, 0.0), (0.2, 0.0, 0.0)]
-        )
-    raise UsageError(f"profile '{name}' does not exist: choose one of {', '.join(NAMES)}")
+    if name not in SHAPES:
+        raise UsageError(f"profile '{name}' does not exist: choose one of {', '.join(NAMES)}")
+    return Profile(
+        [(part * duration, low * speed_rpm, high * speed_rpm) for part, low, high in SHAPES[name]],
+        smooth=name != 'ramps',
+        repeat=True,
+    )

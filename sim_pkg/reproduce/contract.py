@@ -20,6 +20,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator_pkg.errors import UsageError, suggestion
 
 ABSOLUTE = 'absolute'  # |value - reference| <= tolerance
@@ -32,6 +35,11 @@ MISPRINT = 'misprint'  # explains a misprint or an ambiguity
 DPI = 100  # resolution of the figures
 
 Values = Iterator[tuple[str, Any]]  # (id, a number of Python's or numpy's)
+
+
+def rms(values: NDArray[Any]) -> float:
+    """Return the root mean square of `values`, of any shape, in their unit."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 class Reference(NamedTuple):

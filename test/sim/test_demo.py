@@ -5,7 +5,6 @@
 
 import io
 import json
-import math
 import os
 import shlex
 import signal
@@ -20,12 +19,11 @@ from rich.console import Console
 
 from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.nodes.watching import Joint
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.ros import domain
 from estimator_pkg.ros.domain import free_domain
-from sim_pkg.demo import command
-from sim_pkg.demo.listener import Snapshot
-from sim_pkg.demo.table import Display
+from sim_pkg.demo import command, live
 
 pytestmark = pytest.mark.dds
 
@@ -93,27 +91,33 @@ def test_shows_records_and_judges(tmp_path):
     assert rms['/joint_observer/estimate'] < 0.6 * rms['finite_difference']
 
 
-@pytest.mark.parametrize('active', [False, True])
-@pytest.mark.parametrize('installed', ['venv', 'ros'])
+@pytest.mark.parametrize(
+    'installed, front',
+    [
+        ('on the path', []),
+        ('not activated', ['.venv/bin/']),
+        ('ros', ['ros2', 'run', 'velocity_estimator', '']),
+    ],
+)
 @pytest.mark.parametrize('bag', [command.EXAMPLE, Path('demo_output/a run')])
-def test_the_end_shows_what_to_type_next(bag, installed, active, tmp_path, monkeypatch):
+def test_the_end_shows_what_to_type_next(bag, installed, front, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     if bag == command.EXAMPLE:
         bag.mkdir(parents=True)
-    if installed == 'venv':
+    if installed != 'ros':
         (tmp_path / '.venv/bin').mkdir(parents=True)
-        (tmp_path / '.venv/bin/activate').touch()
+        (tmp_path / '.venv/bin/joint_observer').touch()
     monkeypatch.setattr(sys, 'prefix', str(tmp_path / '.venv'))
-    monkeypatch.setenv('VIRTUAL_ENV', sys.prefix if active else '')
-    monkeypatch.setattr('shutil.which', lambda name: name if installed == 'venv' else None)
-    lines = [shlex.split(line, comments=True) for line in command.following(bag)]
-    activations = [line[1] for line in lines if line[:1] == ['.']]
-    assert activations == ['.venv/bin/activate'] * (2 if installed == 'venv' and not active else 0)
-    run = ['ros2', 'run', 'velocity_estimator'] if installed == 'ros' else []
-    doctor, node, play = (line[len(run) :] for line in lines if line and line[0] != '.')
-    assert doctor == ['velocity_estimator', 'doctor', str(bag), '--out', 'my_robot.yaml']
-    assert node[:4] == ['joint_observer', '--ros-args', '--params-file', 'my_robot.yaml']
-    assert play[:3] == ['velocity_estimator', 'play', str(bag)]
+    found = '.venv/bin/joint_observer' if installed == 'on the path' else None
+    monkeypatch.setattr('shutil.which', lambda name: found)
+    *before, last = front or ['']
+    lines = [shlex.split(line, comments=True) for line in command.following(bag) if '#' not in line]
+    assert [line[: len(before)] for line in lines] == [before] * 3
+    doctor, node, play = (line[len(before) :] for line in lines)
+    program = f'{last}velocity_estimator'
+    assert doctor == [program, 'doctor', str(bag), '--out', 'my_robot.yaml']
+    assert node[:3] == [f'{last}joint_observer', '--ros-args', '--params-file']
+    assert play[:3] == [program, 'play', str(bag)]
 
 
 @pytest.mark.parametrize(
@@ -189,10 +193,9 @@ def test_what_cannot_run_is_a_usage_error(option, value, tmp_path, capsys):
     assert not said.out and not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize('terminal', [False, True])
-def test_what_is_not_known_yet_is_a_dash(terminal):
-    shown = io.StringIO()
-    with Display(Console(file=shown, force_terminal=terminal, width=120)) as display:
-        display.frame(Snapshot(0.0, 0.1, 2.0, math.nan, 2.5, math.nan, 1), {})
-    text = shown.getvalue()
-    assert 'nan' not in text and '-' in text and '+0.500' in text
+def test_the_table_fits_a_terminal():
+    shown = Console(file=io.StringIO(), width=80)
+    shown.print(live.picture(live.Moment(1.0, 0.1, 2.0, 3.0, 2.5, 400), {'wheel': Joint()}))
+    text = shown.file.getvalue()
+    assert '+0.500' in text and '+1.000' in text and 'nan' not in text
+    assert max(map(len, text.splitlines())) <= 80

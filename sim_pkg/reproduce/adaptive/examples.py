@@ -21,15 +21,10 @@ from sim_pkg.reproduce.adaptive.plant import (
     simulate,
     square,
 )
-from sim_pkg.reproduce.contract import Values
+from sim_pkg.reproduce.contract import Values, rms
 
 NAMES = ('l1', 'l2', 'b1', 'b2')
 FROZEN_FROM = 100.0  # when the parameters are frozen and the input changes [s]
-
-
-def rms(values: Array) -> float:
-    """Return the root mean square of `values`, of any shape, in their unit."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 # A1: velocity of the DC motor, 4.1

@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 from estimator_pkg.circle import wrap
 from estimator_pkg.observers.angle.hybrid.injections import INJECTIONS as FOUR
-from sim_pkg.reproduce.contract import Values
+from sim_pkg.reproduce.contract import Values, rms
 from sim_pkg.reproduce.hybrid_angle.observer import TURN, first_jump, flow, injection, lyapunov
 
 Array = NDArray[np.floating[Any]]
@@ -185,11 +185,6 @@ def figure_5(name: str) -> Trace:
     """
     noise = np.random.default_rng(SEED).uniform(-NOISE_BOUND, NOISE_BOUND, COUNT + 1)
     return simulate(FOUR.index(name), 0.1, 0.03, noise)
-
-
-def rms(values: Array) -> float:
-    """Return the root mean square of `values`, of any shape, in their unit."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def window(start: float, end: float) -> slice:

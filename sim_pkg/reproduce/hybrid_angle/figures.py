@@ -38,25 +38,28 @@ def injection_curves() -> Figure:
     error = np.linspace(-math.pi, math.pi, 1601)[:-1]
     curves = {name: [injection(FOUR.index(name), float(e), 1.0) for e in error] for name in FOUR}
     lines(axes, error, curves, STYLES)
-    for edge in (-math.pi, math.pi - MARGIN):
-        axes.axvspan(edge, edge + MARGIN, color=BAND)
+    mark_jumps(axes.axvspan)
     axes.set(ylim=(-5.0, 5.0), xlabel='output error [rad]', ylabel='injection [rad]')
     return figure
 
 
-def continuous(
-    title: str, run: Callable[[str], Trace], labels: tuple[str, ...], *attributes: str
-) -> tuple[Figure, Any, dict[str, Trace]]:
-    """Return the velocities and two errors of all injections, in continuous time."""
+def continuous(title: str, run: Callable[[str], Trace], panel: dict[str, str]) -> tuple[Any, ...]:
+    """Return (figure, axes, traces): attributes of all injections' traces, by their labels."""
     traces = {name: run(name) for name in FOUR}
-    figure, axes = panels(3, title, (r'velocity $x_2$ [rad/s]', *labels), sharex=False)
+    panel = {r'velocity $x_2$ [rad/s]': 'velocity'} | panel
+    figure, axes = panels(3, title, tuple(panel), sharex=False)
     time, truth = traces['sin'].time[THIN], traces['sin'].true_velocity[THIN]
-    for each, what in zip(axes, ('velocity', *attributes)):
+    for each, what in zip(axes, panel.values()):
         curves = {name: getattr(trace, what)[THIN] for name, trace in traces.items()}
         lines(each, time, curves | ({'true': truth} if what == 'velocity' else {}), STYLES)
-    for edge in (-math.pi, math.pi - MARGIN):
-        axes[1].axhspan(edge, edge + MARGIN, color=BAND)  # J2
+    mark_jumps(axes[1].axhspan)
     return figure, axes, traces
+
+
+def mark_jumps(span: Callable[..., Any]) -> None:
+    """Shade the jump set J2, within delta_pi of pi on the circle."""
+    for edge in (-math.pi, math.pi - MARGIN):
+        span(edge, edge + MARGIN, color=BAND)
 
 
 def noise_free() -> Figure:
@@ -64,9 +67,10 @@ def noise_free() -> Figure:
     figure, axes, traces = continuous(
         r'Continuous time, no noise, $\epsilon = 0.7$ s, $M = 1$ rad',
         figure_4,
-        (r'output error $e_y$ [rad]', r'Lyapunov function $V$ [rad$^2$]'),
-        'output_error',
-        'lyapunov',
+        {
+            r'output error $e_y$ [rad]': 'output_error',
+            r'Lyapunov function $V$ [rad$^2$]': 'lyapunov',
+        },
     )
     for name, trace in traces.items():  # before each jump in J2
         at = (np.array(trace.reset_times) / STEP).astype(int)
@@ -80,9 +84,10 @@ def noisy() -> Figure:
     figure, axes, _ = continuous(
         r'Continuous time, $w \in [-15^\circ, 15^\circ]$, $\epsilon = 0.1$ s, $M = 0.03$ rad',
         figure_5,
-        (r'position error $e_1$ [rad]', r'velocity error $e_2$ [rad/s]'),
-        'position_error',
-        'velocity_error',
+        {
+            r'position error $e_1$ [rad]': 'position_error',
+            r'velocity error $e_2$ [rad/s]': 'velocity_error',
+        },
     )
     axes[2].set(xlim=(7.5, 8.0), ylim=(-0.8, 0.8))
     return figure

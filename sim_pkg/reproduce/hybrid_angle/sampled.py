@@ -20,8 +20,8 @@ from estimator_pkg.observers.angle.hybrid.design import Coefficients, Core
 from estimator_pkg.observers.angle.hybrid.observer import Gains, HybridAngle
 from estimator_pkg.parameters import build
 from sim_pkg.joints import profiles
-from sim_pkg.reproduce.contract import Values
-from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, K1, K2, MARGIN, rms
+from sim_pkg.reproduce.contract import Values, rms
+from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, K1, K2, MARGIN
 
 Array = NDArray[np.floating[Any]]
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.models import cart_pendulum
 from estimator_pkg.models.mechanics import Mechanics
+from sim_pkg.mechanisms.cart_pendulum import BACKWARD, CONSTANT, FORWARD, PLANT, current
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.mechanical.runs import make, metrics, move, observe, quantise
 
@@ -25,15 +26,14 @@ Array = NDArray[np.float64]
 
 RATE, COUNT, PARTS_PLANT = 224.0, 2464, 24
 DT = 1.0 / RATE
-CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87  # N/A, N, N
 QUANTA = {'HPM': (7.85e-4, 1.8e-5), 'LPM': (1.23e-2, 1e-3)}
 HELD = {'HPM': 1, 'LPM': 2}  # samples for which a reading is held
 AMPLITUDE = 2.5  # A
 OFFSETS = range(12)
 THREE = ('ME1e2', 'MSE1e4', 'ME2e2')
 
-FRICTION = {'friction_forward': FORWARD, 'friction_backward': BACKWARD}
-KNOWN = {'force_constant': CONSTANT, **FRICTION}  # of the observers: a hard sign
+# of the observers: a hard sign
+KNOWN = {'force_constant': CONSTANT, 'friction_forward': FORWARD, 'friction_backward': BACKWARD}
 
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     'GESO': ('geso', {'L': [50.0, 80.0], 'Gamma': [400.0, 150.0]}),
@@ -45,16 +45,9 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
-def current(time: Array, amplitude: float = AMPLITUDE) -> Array:
-    """Return the excitation at the times [s], shape (n,) [A]: a chirp, a rest, a square wave."""
-    chirp = amplitude * np.sin(2.0 * math.pi * (2.0 * time + 0.7 * time**2))
-    square = np.where(np.floor(2.0 * 2.0 * (time - 6.0) + 1e-9) % 2 == 0, 0.8, -0.8)
-    return np.where(time < 5.0, chirp, np.where(time < 6.0, 0.0, square))
-
-
 def plant(kind: str) -> Mechanics:
     """The plant, 'nominal' or with the 'mismatch' of the specification."""
-    numbers: dict[str, float] = {'force_constant': CONSTANT, 'friction_speed': 2e-3, **FRICTION}
+    numbers = dict(PLANT)
     if kind == 'mismatch':
         # l_m m_p = 0.105 with m_p 3 % heavier; M_c + m_p = 1.15, split by MASS
         numbers.update(
@@ -76,7 +69,7 @@ MASS = 0.30  # m_p [kg], Table 3
 @lru_cache
 def truth(kind: str, amplitude: float = AMPLITUDE) -> tuple[Array, Array, Array]:
     """Return (positions, velocities, inputs), n = COUNT."""
-    inputs = current(DT * np.arange(COUNT, dtype=float), amplitude)[:, None]
+    inputs = np.array([[current(DT * k, amplitude)] for k in range(COUNT)])
     return *move(plant(kind), (math.pi, 0.0), (0.0, 0.0), inputs, DT, PARTS_PLANT), inputs
 
 

@@ -13,25 +13,14 @@ import numpy as np
 
 from estimator_pkg.models.mechanics import Array
 from estimator_pkg.models.motion import move
-from sim_pkg.mechanisms.balance import balancing_force, triangle
+from sim_pkg.mechanisms.cart_pendulum import CONSTANT, LIMIT, balancing_force, triangle
 from sim_pkg.reproduce.contract import Values
-from sim_pkg.reproduce.mechanical.lab import (
-    BACKWARD,
-    CASES,
-    CONSTANT,
-    DT,
-    FORWARD,
-    FRICTION,
-    HELD,
-    QUANTA,
-    plant,
-)
+from sim_pkg.reproduce.mechanical.lab import CASES, DT, HELD, KNOWN, QUANTA, plant
 from sim_pkg.reproduce.mechanical.runs import follow, in_single, make, quantise, rest
 
 PARTS = 6  # of a sample: a loop that is closed forgets the error of a step, unlike `lab.truth`
 COUNT, DROPPED = 8960, 2240  # 40 s, of which 10 s are dropped
 FALLEN = 0.5 * math.pi
-LIMIT = 60.0  # N
 ALL_CASES: dict[str, tuple[str, dict[str, Any]]] = {
     **{name: CASES[name] for name in ('GESO', 'SMO-BL', 'EHGO-BL')},
     'EHGO.025': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.025}),
@@ -61,12 +50,12 @@ def balance(runs: Sequence[tuple[str, str]]) -> list[Balanced]:
     ----------
     runs : (name of the observer, scenario) of each; their plants move side by side.
     """
-    parameters, shape = {'force_constant': CONSTANT, **FRICTION}, (len(runs), 2)
+    shape = len(runs), 2
     sharing = []  # (observer, the runs with it)
     for name in dict(runs):
         kind, gains = ALL_CASES[name]
         rows = [number for number, run in enumerate(runs) if run[0] == name]
-        sharing.append((make(kind, 'cart_pendulum', parameters, **gains), rows))
+        sharing.append((make(kind, 'cart_pendulum', KNOWN, **gains), rows))
     quanta = np.array([QUANTA[scenario] for _, scenario in runs])
     held = np.array([[HELD[scenario]] for _, scenario in runs])
     offsets = np.random.default_rng(0).uniform(-0.5, 0.5, 2) * quanta
@@ -83,8 +72,8 @@ def balance(runs: Sequence[tuple[str, str]]) -> list[Balanced]:
             estimated[rows] = core.v
         r, rate = triangle(k * DT)
         forces = [
-            balancing_force((y1, y2), (v1, v2), r, rate, FORWARD, BACKWARD)
-            for (y1, y2), (v1, v2) in zip(y.tolist(), estimated.tolist())
+            balancing_force(positions, velocities, r, rate)
+            for positions, velocities in zip(y.tolist(), estimated.tolist())
         ]
         u = np.clip(forces, -LIMIT, LIMIT)[:, None] / CONSTANT
         out[k] = q

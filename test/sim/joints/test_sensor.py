@@ -286,7 +286,7 @@ def test_lower_edge_of_signed_is_exactly_minus_pi():
 
 
 def test_episode_is_at_least_one_sample():
-    ends = Episodes(np.random.default_rng(1), 0.01, 0.0, 0.001).ends(0, 10_000)
+    ends = Episodes(parameters(gap_every=0.01, gap_length=0.0), 'gap', 1).ends(0, 10_000)
     assert (ends > 0).mean() == pytest.approx(0.1, abs=0.02)
     struck = np.flatnonzero(ends)
     np.testing.assert_array_equal(ends[struck], struck + 1)
