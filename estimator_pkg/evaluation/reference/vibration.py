@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 SPECTRUM_WINDOW = 128  # readings in a window of the spectrum
 CLEAR_POWER = 1.5  # a power above this multiple of the white level is motion
 UNEXPLAINED_PART = 0.5  # least fraction of the uncertainty that `unexplained` must be,
+TONES, TONE_BINS = 4, 3.0  # of the quantiser at a steady speed: number, width
 LEAST_NOISE = 12.0**-0.5  # and least noise beyond the quantisation, in quanta: else it is tones
 
 
@@ -37,7 +38,9 @@ def needed(smoothed: Smoothed) -> bool:
     )
 
 
-def recover_vibration(smoothed: Smoothed, rest: Array) -> tuple[Array, float]:
+def recover_vibration(
+    smoothed: Smoothed, rest: Array, speed: float = math.nan
+) -> tuple[Array, float]:
     """Return (the velocity in the residual [rad/s], shape (n,), its mean frequency [Hz]).
 
     The frequency is nan if nothing stands out.
@@ -45,6 +48,8 @@ def recover_vibration(smoothed: Smoothed, rest: Array) -> tuple[Array, float]:
     Parameters
     ----------
     rest : shape (n,), readings minus smoothed positions [rad]; 0 for an outlier.
+    speed : of a steady motion [rad/s], whose tones of the quantiser are no vibration: multiples of
+        the quanta per reading, modulo the sample rate; nan: the motion is not steady.
     """
     velocity = np.zeros(len(rest))
     hop = SPECTRUM_WINDOW // 2
@@ -61,10 +66,17 @@ def recover_vibration(smoothed: Smoothed, rest: Array) -> tuple[Array, float]:
     if not jobs:
         return velocity, math.nan
     power = np.concatenate(powers).mean(axis=0)
-    quantised = smoothed.noise.quantum**2 / 12.0 * float(np.sum(window * window))
+    quantum = smoothed.noise.quantum
+    quantised = quantum**2 / 12.0 * float(np.sum(window * window))
     white = max(float(np.median(power[1:])), quantised)
     gain = np.where(power > CLEAR_POWER * white, 1.0 - white / np.maximum(power, 1e-300), 0.0)
     gain[0] = gain[-1] = 0.0
+    tone = speed / quantum * float(np.mean(jobs[0][0].steps[1:])) if quantum else math.nan
+    if not math.isnan(tone):
+        multiples = tone * np.arange(1, TONES + 1)
+        places = np.abs(multiples - np.rint(multiples)) * SPECTRUM_WINDOW
+        own = np.abs(np.arange(len(gain)) - places[:, None]) < TONE_BINS
+        gain[own.any(axis=0)] = 0.0
     for part, spectra in jobs:
         omega = 2.0 * math.pi * np.fft.rfftfreq(SPECTRUM_WINDOW, float(np.median(part.steps[1:])))
         pieces = window * np.fft.irfft(spectra * (1j * omega * gain), SPECTRUM_WINDOW)
