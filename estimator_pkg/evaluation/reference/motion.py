@@ -4,7 +4,7 @@
 """The motion of a joint from its readings alone: the reference where there is no ground truth.
 
 The off-line smoother, with three additions. Readings that are older than their stamps are left out
-(`fresh`). A vibration that the smoother took for noise is added (`vibration`). A velocity that
+(`fresh`). A vibration that the smoother took for noise is added (`residual`). A velocity that
 stays within its own standard deviation is constant.
 """
 
@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from estimator_pkg.evaluation.matching import match, pieces
 from estimator_pkg.evaluation.reference.fresh import Fresh, fresh
 from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.reference.smoother.pieces import cut
+from estimator_pkg.evaluation.reference.smoother.residual import recover_vibration
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed, outliers, smooth
-from estimator_pkg.evaluation.reference.vibration import needed, recover_vibration
 from estimator_pkg.evaluation.signals import low_passed, wrapped
 
 Array = NDArray[np.float64]
@@ -30,6 +31,8 @@ ABOVE = 3.0  # the reference is low-passed at this multiple of the highest frequ
 UP_TO = 1.25  # a vibration whose mean frequency is below this multiple of it is motion
 STEADY = 2.0  # a constant velocity deviates by at most this many of its standard deviations, in
 STEADY_READINGS = 200  # this many readings at least
+UNEXPLAINED_PART = 0.5  # a vibration is at least this fraction of the uncertainty,
+LEAST_NOISE = 12.0**-0.5  # and the noise beyond the quantisation, in quanta: else it is tones
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,16 @@ class ReferenceMotion:
         return replace(self, velocity=velocity, plain=plain, **cut_)
 
 
+def needed(smoothed: Smoothed) -> bool:
+    """Return True if the residual has a motion that is not the quantiser's own tones."""
+    noise = smoothed.noise
+    room = math.sqrt(max(noise.reading**2 - noise.quantum**2 / 12.0, 0.0))
+    return (
+        smoothed.unexplained > UNEXPLAINED_PART * smoothed.uncertainty
+        and room >= LEAST_NOISE * noise.quantum
+    )
+
+
 def motion(stamps: Stamps, position: Array, period: float) -> ReferenceMotion | None:
     """Return the motion that the readings show; None for too few readings.
 
@@ -131,7 +144,8 @@ def motion(stamps: Stamps, position: Array, period: float) -> ReferenceMotion | 
         rest = wrapped(position[used] - smoothed.position, period)
         rest[outliers(rest, smoothed.noise.quantum)] = 0.0
         speed = float(np.mean(velocity[firm])) if steady else math.nan
-        more, at_hz = recover_vibration(smoothed, rest, speed)
+        parts = cut(smoothed.stamps, rest)
+        more, at_hz = recover_vibration(parts, len(rest), smoothed.noise.quantum, speed)
     if not math.isnan(at_hz):
         velocity = smoothed.velocity + more
     constant = steady and not smoothed.seldom and math.isnan(at_hz)
