@@ -72,7 +72,7 @@ def sensed(angles, dts=None, quantum=0.01):
         if step != 0.0:
             edge_quantum.search_quantum(steps, step, abs(angles[i]), quantum, sensor)
         dt, found = 1e-3 if dts is None else dts[i], edge_quantum.quantum_of(steps, quantum)
-        edge_sensor.follow_sensor(sensor, step, dt, found, math.inf)
+        edge_sensor.follow_sensor(sensor, step, dt, found, False)
     return sensor, steps
 
 
