@@ -42,7 +42,7 @@ class Options:
     begin, end : part of the record that is judged, since the first sample [s].
     wrap_period : of the positions [rad]; 0: none. own_periods : of joints that have their own.
     correct_reference : remove the truth's own lag and bias first; None: its lag, if it is
-        certainly late (`reference.common_lag`).
+        certainly late (`evaluation.reference.late`).
     reference : 'auto': the truth, or the off-line smoother without one; 'truth' or 'smoother':
         only this one.
     angle : ``TOPIC:FIELD``, a measured number, used instead of joint states.

@@ -35,8 +35,9 @@ from estimator_pkg.evaluation.options import SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.ranking.ranking import SKIP_PART, SKIPPED
 from estimator_pkg.evaluation.reference import reference
 from estimator_pkg.evaluation.reference.back_emf import of_angles
+from estimator_pkg.evaluation.reference.late import LEAST_LAG, common_lag, confirmed
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
-from estimator_pkg.evaluation.reference.reference import LEAST_LAG, Reference
+from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.progress import progress
@@ -129,7 +130,7 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
                     f'{SHIFTED_NOTE}',
                 )
     if options.correct_reference is None:
-        _shift(found)
+        _shift(found, measurement, options)
     return found
 
 
@@ -154,12 +155,15 @@ def _no_truth(bag: Bag, path: str, measurement: dict[str, Series], options: Opti
     )
 
 
-def _shift(found: Truth) -> None:
+def _shift(found: Truth, measurement: dict[str, Series], options: Options) -> None:
     """Remove the lag of a truth that is certainly late."""
-    late = reference.common_lag(found.references.values())
+    late = common_lag(found.references)
     if late is None:
         return
-    lags = [joint for joint, each in found.references.items() if np.isfinite(each.lag_s)]
+    lags = {joint: each for joint, each in found.references.items() if np.isfinite(each.lag_s)}
+    surest = min(lags, key=lambda joint: lags[joint].lag_stddev)
+    if not confirmed(late, found.series[surest], measurement[surest], options.period(surest)):
+        return
     for joint, each in found.series.items():
         found.series[joint] = each._replace(stamps_ns=each.stamps_ns - round(late.lag * 1e9))
         found.corrected[joint] = {'lag_s': late.lag, 'bias': 0.0}
@@ -238,11 +242,13 @@ def _reference(truth: Series, measurement: Series | None, period: float) -> Refe
     """Return the quality of a truth against the measured position, or its noise only."""
     if measurement is None:
         alone = match(truth.stamps_ns, truth.stamps_ns, truth.velocity, truth.velocity, 0.0)
-        return Reference(noise=reference.white_noise(alone.time, alone.velocity))
+        return reference.noise_only(alone.time, alone.velocity, truth.position[alone.rows], period)
     good = np.isfinite(measurement.position)
     position = measurement.position[good]
     at = match(truth.stamps_ns, measurement.stamps_ns[good], position, position, period)
-    return reference.fit(at.time, truth.velocity[at.rows], at.position, period)
+    return reference.fit(
+        at.time, truth.velocity[at.rows], at.position, period, truth.position[at.rows]
+    )
 
 
 def measured_truth(truth: Series, measurement: Series, period: float) -> tuple[Series, float]:

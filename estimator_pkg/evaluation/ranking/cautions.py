@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from estimator_pkg.evaluation.ranking.verdict import NEVER_SHOWN
-from estimator_pkg.evaluation.reference.motion import UNEXPLAINED_PART, ReferenceMotion
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
+from estimator_pkg.evaluation.reference.vibration import UNEXPLAINED_PART
 from estimator_pkg.evaluation.text import number
 
 AT_REST = 0.01  # a joint that moves less in the whole record is at rest [rad]

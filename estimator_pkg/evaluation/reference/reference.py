@@ -13,16 +13,15 @@ position's quantisation.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.evaluation.delay import GAP_STEPS
 from estimator_pkg.evaluation.options import SMOOTHER
+from estimator_pkg.evaluation.reference.white_noise import noise
 from estimator_pkg.evaluation.signals import wrapped
 
 Array = NDArray[np.float64]
@@ -37,16 +36,6 @@ LAG_KNOWN = 1e-3  # a lag, slope or bias is reported up to this standard deviati
 SLOPE_KNOWN = 0.01  # (lag [s], slope, fraction of the reference's rms speed or this [rad/s])
 BIAS_KNOWN = 0.01
 NOISE_MULTIPLE = 1.1  # an error up to this multiple of the reference's noise cannot be measured
-LEAST_LAG = 2e-4  # a shorter lag of the truth does not matter [s]
-LAG_SURE = 3.0  # a lag is significant, and lags differ, from this many standard deviations on
-LAGS_ALIKE = 0.1  # but not if they differ by less than this fraction
-ORDERS = (3, 5, 7, 9)  # of the differences that show white noise
-CLEARLY_LESS = 0.5  # for white noise all of them agree within this ratio
-QUIETEST = 0.1  # the quietest fraction of the record counts; over n samples, the rms of white noise
-UNLUCKY = 1.28  # is below its mean there by this many standard deviations
-NOISE_BLOCK = 0.2  # length of a block whose power is one value [s],
-SHORTEST_BLOCK = 20  # but at least this many samples
-MANY_BLOCKS = 20
 
 
 @dataclass(frozen=True)
@@ -59,14 +48,14 @@ class Reference:
     'smoother'.
     """
 
-    lag_s: float = math.nan
-    lag_stddev: float = math.nan
-    bias: float = math.nan
-    bias_stddev: float = math.nan
-    slope: float = math.nan
-    slope_stddev: float = math.nan
-    noise: float = math.nan
-    window_s: float = math.nan
+    lag_s: float
+    lag_stddev: float
+    bias: float
+    bias_stddev: float
+    slope: float
+    slope_stddev: float
+    noise: float
+    window_s: float
     origin: str = SENSOR
 
     def as_dict(self) -> dict[str, Any]:
@@ -86,69 +75,24 @@ class Reference:
 
 def from_smoother(uncertainty: float) -> Reference:
     """Return a reference without lag and bias, with the error `uncertainty` [rad/s]."""
-    return Reference(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, uncertainty, math.nan, SMOOTHER)
+    return Reference(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, uncertainty, np.nan, SMOOTHER)
 
 
-class Lag(NamedTuple):
-    """Lag of the truth behind the positions, and its standard deviation [s]."""
+def noise_only(
+    time: Array, velocity: Array, own: Array | None = None, period: float = 0.0
+) -> Reference:
+    """Return the quality of a reference without a measured position: its noise.
 
-    lag: float
-    stddev: float
-
-
-def common_lag(references: Iterable[Reference]) -> Lag | None:
-    """Return the lag of all joints: of a drive's own filter or clock.
-
-    Against a late truth the estimates that are late by the same time would be best. None if it is
-    not significant or not the same, or if the truth is early: then the sensor is late, and so is
-    every estimate.
+    Arrays of shape (n,): time [s], velocity [rad/s or m/s], own position [rad or m].
     """
-    found = [(each.lag_s, max(each.lag_stddev, 1e-9)) for each in references]
-    lags, stddevs = np.array([each for each in found if math.isfinite(each[0])]).reshape(-1, 2).T
-    if not len(lags):
-        return None
-    mean = float(np.average(lags, weights=stddevs**-2.0))
-    stddev = float(np.sum(stddevs**-2.0) ** -0.5)
-    alike = np.maximum(LAG_SURE * stddevs, max(LAGS_ALIKE * abs(mean), 0.5 * LEAST_LAG))
-    same = bool(np.all(np.abs(lags - mean) <= alike))
-    return Lag(mean, stddev) if same and mean > max(LEAST_LAG, LAG_SURE * stddev) else None
+    return Reference(
+        np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, noise(time, velocity, own, period), np.nan
+    )
 
 
-def white_noise(time: Array, velocity: Array) -> float:
-    """Return the rms of the white noise on a velocity [rad/s]; nan for too few samples.
-
-    At usual sample rates the third differences of a motion are small, and those of white noise are
-    not. A violent motion has large ones too, so the quietest tenth of the record counts. With the
-    order, the differences of white noise grow as expected, and those of a motion that is sampled
-    often enough fall: the least counts if it is clearly less.
-
-    Parameters
-    ----------
-    time : shape (n,), strictly increasing [s]. velocity : shape (n,) [rad/s].
-    """
-    orders = [order for order in ORDERS if len(time) >= SHORTEST_BLOCK + order]
-    if not orders:
-        return math.nan
-    size = int(max(NOISE_BLOCK / float(np.median(np.diff(time))), SHORTEST_BLOCK))
-    found = [_by_differences(velocity, order, size) for order in orders]
-    return min(found) if min(found) < CLEARLY_LESS * found[0] else found[0]
-
-
-def _by_differences(velocity: Array, order: int, size: int) -> float:
-    """Return the rms of white noise with these differences, in the quietest blocks of a size."""
-    gain = math.comb(2 * order, order)
-    squares = np.diff(velocity, order) ** 2 / gain
-    last = max(1, len(squares) - size + 1)
-    # in a short record blocks overlap, because a quiet stretch may span two of them
-    starts = range(0, last, size if last >= MANY_BLOCKS * size else max(1, size // 4))
-    powers = [float(np.mean(squares[i : i + size])) for i in starts]
-    # sum of the squared correlations of neighbouring differences of white noise
-    alike = math.comb(4 * order, 2 * order) / gain**2
-    low = 1.0 - UNLUCKY * math.sqrt(0.5 * alike / size) if len(powers) > 1 else 1.0
-    return float(np.sqrt(np.quantile(powers, QUIETEST)) / low)
-
-
-def fit(time: Array, velocity: Array, position: Array, period: float) -> Reference:
+def fit(
+    time: Array, velocity: Array, position: Array, period: float, own: Array | None = None
+) -> Reference:
     """Return lag, bias, slope and noise of a reference velocity against the measured position.
 
     Parameters
@@ -157,10 +101,11 @@ def fit(time: Array, velocity: Array, position: Array, period: float) -> Referen
     velocity : shape (n,), the reference [rad/s].
     position : shape (n,), the measurement at the same times [rad], in any convention.
     period : wrap period [rad]; 0: none.
+    own : shape (n,), the reference's own position [rad], nan for none; None: it has no positions.
     """
     good = np.isfinite(velocity) & np.isfinite(position)
     time, velocity, position = time[good], velocity[good], position[good]
-    unknown = Reference(noise=white_noise(time, velocity))
+    unknown = noise_only(time, velocity, None if own is None else own[good], period)
     if len(time) < 2 * WINDOW_SAMPLES:
         return unknown
     steps = np.diff(time)
@@ -188,17 +133,18 @@ def fit(time: Array, velocity: Array, position: Array, period: float) -> Referen
     instruments = np.stack([length, -across_window(around), moved], axis=1)
     kept = np.ones(len(missed), bool)
     for _ in range(3):
-        values, stddevs = _solve(columns[kept], instruments[kept], missed[kept], across)
-        rest = np.abs(missed - columns @ np.nan_to_num(values))
+        answer = _solve(columns[kept], instruments[kept], missed[kept], across)
+        rest = np.abs(missed - columns @ np.nan_to_num(answer[0]))
         kept = rest <= WINDOW_OUTLIER * 1.4826 * float(np.median(rest)) + 1e-12
-    (bias, lag, slope), (bias_stddev, lag_stddev, slope_stddev) = values.tolist(), stddevs.tolist()
-    window = across * step
+    (bias, lag, slope), (bias_stddev, lag_stddev, slope_stddev) = answer
     return Reference(
-        lag, lag_stddev, bias, bias_stddev, 1.0 + slope, slope_stddev, unknown.noise, window
+        lag, lag_stddev, bias, bias_stddev, 1.0 + slope, slope_stddev, unknown.noise, across * step
     )
 
 
-def _solve(columns: Array, instruments: Array, missed: Array, across: int) -> tuple[Array, Array]:
+def _solve(
+    columns: Array, instruments: Array, missed: Array, across: int
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return (bias, lag, slope - 1) and their standard deviations; nan for undetermined ones.
 
     The noise of the reference in `columns` would bias a least-squares lag towards zero, so the
@@ -207,23 +153,24 @@ def _solve(columns: Array, instruments: Array, missed: Array, across: int) -> tu
     """
     speed = float(np.sqrt(np.mean((columns[:, 2] / columns[:, 0]) ** 2)))
     limits = (BIAS_KNOWN * max(1.0, speed), LAG_KNOWN, SLOPE_KNOWN)
-    answer, stddevs = np.full(3, np.nan), np.full(3, np.nan)
     use = [0, 1, 2]
     while use:
         part, weights = columns[:, use], instruments[:, use]
         normal = weights.T @ part
         scale = np.sqrt(np.abs(np.diag(normal)))
-        if np.any(scale == 0.0) or np.linalg.cond(normal / np.outer(scale, scale)) >= 1e10:
+        if np.all(scale > 0.0) and np.linalg.cond(normal / np.outer(scale, scale)) < 1e10:
+            inverse = np.linalg.inv(normal)
+            values = inverse @ (weights.T @ missed)
+            # neighbouring windows share samples: only every `across`-th is independent
+            variance = float(np.mean((missed - part @ values) ** 2)) * across
+            deviations = np.sqrt(variance * np.diag(inverse @ (weights.T @ weights) @ inverse.T))
+            vague = [name for name, deviation in zip(use, deviations) if deviation > limits[name]]
+            if not vague:
+                answer, stddevs = [np.nan] * 3, [np.nan] * 3
+                for name, value, deviation in zip(use, values, deviations):
+                    answer[name], stddevs[name] = float(value), float(deviation)
+                return tuple(answer), tuple(stddevs)
+            use.remove(max(vague))  # the slope first, then the lag, then the bias
+        else:
             use.pop()
-            continue
-        inverse = np.linalg.inv(normal)
-        values = inverse @ (weights.T @ missed)
-        # neighbouring windows share samples: only every `across`-th is independent
-        variance = float(np.mean((missed - part @ values) ** 2)) * across
-        deviations = np.sqrt(variance * np.diag(inverse @ (weights.T @ weights) @ inverse.T))
-        vague = [name for name, deviation in zip(use, deviations) if deviation > limits[name]]
-        if not vague:
-            answer[use], stddevs[use] = values, deviations
-            break
-        use.remove(max(vague))  # the slope first, then the lag, then the bias
-    return answer, stddevs
+    return (np.nan,) * 3, (np.nan,) * 3

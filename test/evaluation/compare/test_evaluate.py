@@ -16,7 +16,8 @@ from joint_bags import write_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.evaluation import text
-from estimator_pkg.evaluation.reference.reference import Reference, common_lag
+from estimator_pkg.evaluation.reference.late import common_lag
+from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.observers import DEFAULT
 
@@ -252,7 +253,7 @@ def test_a_late_sensor_is_no_late_truth(tmp_path):
     ],
 )
 def test_a_lag_is_removed_only_if_it_is_significant_and_common(lags, common):
-    every = [Reference(*lag) for lag in lags]
+    every = {i: Reference(*lag, 0.0, 1e-3, 1.0, 1e-3, 0.1, 0.1) for i, lag in enumerate(lags)}
     found = common_lag(every)
     assert found is None if common is None else found.lag == pytest.approx(common)
 

@@ -12,7 +12,7 @@ from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.delay import delay, measured
 from estimator_pkg.evaluation.matching import match, pieces
 from estimator_pkg.evaluation.reference import reference
-from estimator_pkg.evaluation.reference.reference import white_noise
+from estimator_pkg.evaluation.reference.white_noise import noise
 from estimator_pkg.evaluation.signals import cubic
 from estimator_pkg.evaluation.text import error, fixed, interval
 
@@ -295,13 +295,55 @@ def test_outliers_of_the_position_do_not_reach_the_reference():
     assert found.bias == pytest.approx(0.02, abs=1e-3)
 
 
-def test_a_fast_sine_is_no_noise_and_noise_is():
+def rich(count=100, rate=100.0, seed=3):
+    """(time, position, velocity) of a motion with kinks, of about 300 rad/s, coarsely sampled.
+
+    Integrated in closed form between the kinks, which come a few samples apart.
+    """
+    random = np.random.default_rng(seed)
+    time = np.sort((np.arange(count) + 0.2 * random.random(count)) / rate)
+    bend = np.linspace(0.0, time[-1], count // 8)
+    size = 4e4 * random.standard_normal(len(bend))
+    after = np.maximum(time[:, None] - bend, 0.0)
+    wave = TURN * 7.0
+    velocity = 300.0 + 90.0 * np.sin(wave * time) + (after**2 * size).sum(1)
+    position = 300.0 * time - 90.0 / wave * np.cos(wave * time) + (after**3 * size).sum(1) / 3.0
+    return time, position, velocity
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_a_rich_motion_is_no_noise_and_noise_is(seed):
+    """At 300 rad/s and 100 samples a second the angle turns by half a turn between two samples."""
+    random = np.random.default_rng(seed)
+    time, position, velocity = rich(seed=seed)
+    wrapped = position % TURN
+    third = math.sqrt(np.mean(np.diff(velocity, 3) ** 2) / 20.0)
+    exact = noise(time, velocity, wrapped, TURN)
+    assert exact < 0.02 * third and third > 2.0
+    for size, least, most in ((0.3, 0.65, 1.35), (5.0, 0.65, 2.0)):  # the motion looks like the 5
+        shaken = velocity + size * random.standard_normal(len(time))
+        assert least < noise(time, shaken, wrapped, TURN) / size < most
+
+
+def test_a_fast_sine_without_positions_is_no_noise_and_noise_is():
     time = np.arange(0.0, 4.0, 0.01)
     velocity = 100.0 * np.sin(TURN * 8.0 * time)
     third = math.sqrt(np.mean(np.diff(velocity, 3) ** 2) / 20.0)
-    assert white_noise(time, velocity) < 1e-3 * third
+    assert noise(time, velocity) < 1e-3 * third
     shaken = velocity + 0.5 * np.random.default_rng(1).standard_normal(len(time))
-    assert white_noise(time, shaken) == pytest.approx(0.5, rel=0.25) and third > 1.0
+    assert noise(time, shaken) == pytest.approx(0.5, rel=0.25) and third > 1.0
+
+
+def test_positions_that_follow_the_noise_do_not_hide_it():
+    """A reference that integrates its own noisy velocity, or differentiates a noisy position."""
+    random = np.random.default_rng(2)
+    time = np.arange(0.0, 10.0, 0.01)
+    velocity = np.cos(time) + 0.1 * random.standard_normal(len(time))
+    position = np.concatenate([[0.0], np.cumsum(0.005 * (velocity[1:] + velocity[:-1]))])
+    assert noise(time, velocity, position) == pytest.approx(0.1, rel=0.2)
+    position = np.sin(time) + 1e-3 * random.standard_normal(len(time))
+    velocity = np.gradient(position, time)
+    assert 0.5 < noise(time, velocity, position) / np.std(velocity - np.cos(time)) < 2.0
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ HIDDEN_CELLS = 4.0  # noise of more quanta than this hides the cells
 BLURS = np.log10([0.01, 0.1, 0.3, 0.7, 1.5, HIDDEN_CELLS])  # of the cells' edges, in quanta, and
 JERKS = np.arange(-8.0, 3.0, 2.0)  # of the jerk over that of white noise, where the search begins
 SOME = 3  # which uses every third stretch
-FIRST_STEP, NEAR_STEP, FINE = 0.5, 0.15, 0.02  # sizes of the steps of a search [decades]
+FIRST_STEP, NEAR_STEP, FINE = 0.5, 0.15, 0.05  # sizes of the simplex of a search [decades]
 SWEEPS = 3  # forward and backward: the sites converge after two
 AGAIN = 1  # passes from the sites of nearby values
 OF_A_RUN = 15.0  # number of used cells in a run of equal readings, and its last,
@@ -194,7 +194,7 @@ def in_cells(parts: list[Piece], rough: ReadingNoise) -> ReadingNoise:
         return of
 
     some = chosen[(len(chosen) - 1) // 2 % SOME :: SOME]
-    rough_ = _lowest(rarity(some), BLURS, JERKS, fine=NEAR_STEP)
+    rough_ = _lowest(rarity(some), BLURS, JERKS)
     size, power = _lowest(rarity(chosen), BLURS, JERKS, near=rough_)
     blur = count * 10.0**size
     reading = math.sqrt(count * count / 12.0 + blur * blur)
@@ -214,12 +214,12 @@ def _telling(parts: list[Piece], count: float) -> list[Piece]:
 
 
 def _lowest(
-    function: Callable[..., float], *axes: Array, near: tuple[float, ...] = (), fine: float = FINE
+    function: Callable[..., float], *axes: Array, near: tuple[float, ...] = ()
 ) -> tuple[float, ...]:
     """Return where `function` has a minimum, within the ends of the axes.
 
-    The pattern search of Hooke and Jeeves, Journal of the ACM 8 (1961): a step along each axis, and
-    on in the direction that was better; half of the step where none is, down to `fine`.
+    The simplex search of Nelder and Mead, The Computer Journal 7 (1965), until its points are
+    within `FINE` of the best.
 
     Parameters
     ----------
@@ -227,23 +227,26 @@ def _lowest(
     near : it begins here instead, with smaller steps.
     """
     low, high = (np.array([axis[end] for axis in axes]) for end in (0, -1))
-    known: dict[tuple[float, ...], float] = {}
 
     def at(point: Array | tuple[float, ...]) -> tuple[float, tuple[float, ...]]:
         inside = tuple(np.clip(point, low, high).tolist())
-        if inside not in known:
-            known[inside] = function(*inside)
-        return known[inside], inside
+        return function(*inside), inside
 
-    best = at(near) if near else min(map(at, product(*axes)))
+    first = at(near) if near else min(map(at, product(*axes)))
     step = NEAR_STEP if near else FIRST_STEP
-    while step > fine:
-        base = best
-        for side in step * np.eye(len(axes)):
-            tried = at(best[1] + side)
-            best = min(best, tried if tried < best else at(best[1] - side))
-        if best == base:
-            step *= 0.5
-        else:
-            best = min(best, at(2.0 * np.array(best[1]) - base[1]))
-    return best[1]
+    sides = step * np.diag(np.where(np.add(first[1], step) > high, -1.0, 1.0))
+    found = sorted([first, *(at(first[1] + side) for side in sides)])
+    while np.max(np.abs(np.subtract([each for _, each in found], found[0][1]))) > FINE:
+        centre = np.mean([each for _, each in found[:-1]], axis=0)
+        away = centre - found[-1][1]
+        tried = at(centre + away)
+        if tried < found[0]:
+            tried = min(tried, at(centre + 2.0 * away))
+        elif tried >= found[-2]:
+            tried = min(tried, at(centre + (0.5 if tried < found[-1] else -0.5) * away))
+        if tried < found[-1]:
+            found[-1] = tried
+        else:  # shrink to the best
+            found[1:] = [at(0.5 * np.add(each, found[0][1])) for _, each in found[1:]]
+        found.sort()
+    return found[0][1]

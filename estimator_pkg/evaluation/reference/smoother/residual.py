@@ -16,8 +16,6 @@ Array = NDArray[np.float64]
 
 SPECTRUM_WINDOW = 128  # readings in a window of the spectrum
 OVER_WHITE = 2.0  # the spectrum of white noise stays below this multiple of its level
-CLEAR_POWER = 1.5  # a power above this multiple of the white level is a vibration
-TONES, TONE_BINS = 4, 3.0  # of the quantiser at a steady speed: number, width
 NEWS = 0.1  # a window counts if its readings have this fraction of the largest weight
 
 
@@ -67,57 +65,3 @@ def _windows(values: Array) -> Array:
     return np.lib.stride_tricks.sliding_window_view(values, SPECTRUM_WINDOW)[
         :: SPECTRUM_WINDOW // 2
     ]
-
-
-def recover_vibration(
-    parts: list[Piece], count: int, quantum: float, speed: float = math.nan
-) -> tuple[Array, float]:
-    """Return (the velocity in the residual [rad/s], shape (n,), its mean frequency [Hz]).
-
-    One white jerk fits a slow motion or a vibration on it, not both. The vibration then remains in
-    the residual, where its spectrum rises above that of white noise. A Wiener filter takes it out
-    (Wiener, Extrapolation, Interpolation, and Smoothing of Stationary Time Series, 1949); its
-    derivative is the velocity. The frequency is nan if nothing stands out.
-
-    Parameters
-    ----------
-    parts : of the readings minus smoothed positions [rad]; 0 for an outlier.
-    count : n. quantum : of the readings [rad].
-    speed : of a steady motion [rad/s], whose tones of the quantiser are no vibration: multiples of
-        the quanta per reading, modulo the sample rate; nan: the motion is not steady.
-    """
-    velocity = np.zeros(count)
-    hop = SPECTRUM_WINDOW // 2
-    window = np.sqrt(
-        np.hanning(SPECTRUM_WINDOW + 1)[:SPECTRUM_WINDOW]
-    )  # twice: halves that overlap add up to one
-    jobs, powers = [], []
-    for part in parts:
-        padded = np.concatenate([np.zeros(hop), part.readings, np.zeros(SPECTRUM_WINDOW + hop)])
-        starts = np.arange(0, len(part.readings) + hop, hop)
-        spectra = np.fft.rfft(window * padded[starts[:, None] + np.arange(SPECTRUM_WINDOW)])
-        jobs.append((part, spectra))
-        powers.append(np.abs(spectra) ** 2)
-    if not jobs:
-        return velocity, math.nan
-    power = np.concatenate(powers).mean(axis=0)
-    quantised = quantum**2 / 12.0 * float(np.sum(window * window))
-    white = max(float(np.median(power[1:])), quantised)
-    gain = np.where(power > CLEAR_POWER * white, 1.0 - white / np.maximum(power, 1e-300), 0.0)
-    gain[0] = gain[-1] = 0.0
-    tone = speed / quantum * float(np.mean(jobs[0][0].steps[1:])) if quantum else math.nan
-    if not math.isnan(tone):
-        multiples = tone * np.arange(1, TONES + 1)
-        places = np.abs(multiples - np.rint(multiples)) * SPECTRUM_WINDOW
-        own = np.abs(np.arange(len(gain)) - places[:, None]) < TONE_BINS
-        gain[own.any(axis=0)] = 0.0
-    for part, spectra in jobs:
-        omega = 2.0 * math.pi * np.fft.rfftfreq(SPECTRUM_WINDOW, float(np.median(part.steps[1:])))
-        pieces = window * np.fft.irfft(spectra * (1j * omega * gain), SPECTRUM_WINDOW)
-        found = np.zeros(len(part.readings) + SPECTRUM_WINDOW + 2 * hop)
-        for number, piece in enumerate(pieces):
-            found[number * hop : number * hop + SPECTRUM_WINDOW] += piece
-        velocity[part.rows] = found[hop : hop + len(part.readings)]
-    weight = gain * power * omega**2
-    total = float(np.sum(weight))
-    return velocity, float(np.sum(omega * weight) / (2.0 * math.pi * total)) if total else math.nan
