@@ -46,6 +46,7 @@ JOINT_STATES = 'joint_states'
 ANGLE = 'angle'
 FIELD = 'field'
 NONE, REGULAR = 'none', 'regular'  # of the parameter stamp_repair
+DEGREES = 360.0  # per turn: so many or fewer are a unit, and not the counts of a sensor
 ANGLE_TYPES = ('Float64', 'Float32', 'Int32', 'Int64', 'UInt16')  # of std_msgs
 NODE_OF = {
     'angle_and_input': 'adaptive_observer',
@@ -92,7 +93,7 @@ class AngleSettings(JointsSettings):
         unit='counts',
         range=(0.0, 1e12),
         description='counts per turn on the topic angle; 0: it is in rad. Also the default of '
-        'quantum',
+        'quantum, unless it is 360 or less and the type is no integer: degrees are no counts',
     )
     angle_offset: float = structural(
         0.0,
@@ -181,8 +182,10 @@ class AngleSettings(JointsSettings):
 
     def implied(self, common: Values) -> dict[str, Any]:
         """Return `common` observer parameters, with the quantum from the counts if it is unset."""
-        values = dict(common)
-        if self.is_number and not values.get('quantum') and self.counts_per_revolution > 0.0:
+        values, counts = dict(common), self.counts_per_revolution
+        whole = self.input == ANGLE and 'Int' in self.angle_type
+        counted = counts > DEGREES or (whole and counts > 0.0)
+        if self.is_number and counted and not values.get('quantum'):
             values['quantum'] = self.raw_angle.quantum
         return values
 

@@ -130,5 +130,8 @@ def test_counts_imply_the_quantum_unless_it_is_set():
         'noise': 1.0,
     }
     assert counted.implied({'quantum': 0.5}) == {'quantum': 0.5}
+    degrees = {'input': 'angle', 'counts_per_revolution': 360}  # with digits, which are no counts
+    assert build(AngleSettings, degrees).implied({}) == {}
+    assert 'quantum' in build(AngleSettings, {**degrees, 'angle_type': 'Int32'}).implied({})
     stated = build(AngleSettings, {'counts_per_revolution': 1000})  # not used with joint_states
     assert stated.implied({'quantum': 0.0}) == {'quantum': 0.0}
