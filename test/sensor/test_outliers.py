@@ -68,6 +68,16 @@ def test_wrong_readings_cost_less_than_a_third(variant, fault, kind):
     assert error(variant, wrong, velocity) <= 1.3 * error(variant, angle, velocity) + 1e-6
 
 
+@pytest.mark.parametrize('variant', EACH, ids=label)
+def test_a_wrong_reading_that_repeats_is_not_believed_while_the_joint_moves(variant):
+    t = np.arange(8000) / RATE
+    angle, velocity = 8.0 * t, np.full(len(t), 8.0)
+    wrong = angle.copy()
+    for first in range(1200, len(angle), 500):
+        wrong[first : first + 5] = -1.0
+    assert error(variant, wrong, velocity) <= 1.3 * error(variant, angle, velocity) + 0.05
+
+
 @pytest.mark.parametrize('speed', [0.0, 30.0, -80.0])
 @pytest.mark.parametrize('after', [0.0, -0.8])
 @pytest.mark.parametrize('variant', EACH, ids=label)

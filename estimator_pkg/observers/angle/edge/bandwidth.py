@@ -56,7 +56,6 @@ class ProcessNoise:
     up_time: float  # run time of either [s]
     down_time: float
     mean_nis: float  # mean normalised innovation squared
-    size: float  # of the newest innovation [rad]
     time_since_manoeuvre: float  # or since the start [s]
 
 

@@ -56,14 +56,18 @@ def coast(state: Any, dt: float) -> None:
         tracking.jumped = not 0.0 <= reading.change * way <= way * way
 
 
+def repeats(state: Any) -> bool:
+    """Return True if this reading is the doubted one again, of a shaft that has not stopped."""
+    return bool(state.tracking.jumped and state.reading.change == 0.0)
+
+
 def is_spoilt(state: Any, design: Any, dt: float) -> bool:
     """Return True if the last three changes of the reading contain one that was wrong."""
     tracking, reading, motion = state.tracking, state.reading, state.motion
     if tracking.off != 0.0:
         distance = wrap(reading.angle - motion.angle - motion.velocity * dt, design.period)
         back = abs(distance) < AGREES * abs(tracking.off)
-        repeats = tracking.jumped and reading.change == 0.0
-        tracking.spoilt = 3.0 if back or repeats else 0.0
+        tracking.spoilt = 3.0 if back or repeats(state) else 0.0
     elif tracking.spoilt > 0.0:
         tracking.spoilt -= 1.0
     return tracking.spoilt > 0.0
@@ -74,7 +78,7 @@ def decide(state: Any, design: Any, dt: float) -> bool:
     tracking, reading = state.tracking, state.reading
     innovation, off = reading.innovation, tracking.off
     tracking.waited += dt
-    if tracking.jumped and reading.change == 0.0 and tracking.waited < RESTS:
+    if repeats(state) and tracking.waited < RESTS:
         coast(state, dt)
         return True
     tracking.off = 0.0

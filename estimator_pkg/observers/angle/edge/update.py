@@ -23,8 +23,6 @@ from estimator_pkg.observers.angle.edge.constants import (
 from estimator_pkg.observers.angle.edge.start import inflate_for_missing_edge
 from estimator_pkg.sensor.noise import follow_noise, vibration
 
-GROWTH = 10.0  # times the innovation before: a larger one is alone, whatever the sums say
-
 
 def update(state: Any, design: Any, flickers: bool, dt: float) -> bool:
     """Update by what a reading shows of the angle; return False if it is not believed.
@@ -52,11 +50,8 @@ def update(state: Any, design: Any, flickers: bool, dt: float) -> bool:
         z = ALARM if z > 0.0 else -ALARM
     date = bandwidth.update_cusum(process, z, motion.idle)
     motion.idle = 0.0
-    size, before = abs(d), process.size
-    process.size = size
-    # one sample alone: the next one confirms it
-    if beyond and size > OUTLIER_QUANTA * quantum and (date == 0.0 or size > GROWTH * before):
-        return False
+    if beyond and date == 0.0 and abs(d) > OUTLIER_QUANTA * quantum:
+        return False  # one sample alone: the next one decides
     white = process.filtered_innovation * process.filtered_innovation < process.variance
     # the density is that of the longest memory, or of a vibration, at least
     least = LEAST_JERK_DENSITY * (quantum * quantum + 12.0 * noise)

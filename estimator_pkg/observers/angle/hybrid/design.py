@@ -114,7 +114,8 @@ def continuous_design(
     UsageError : the error polynomial is not Hurwitz, or only just so, or poles are decades apart,
         or a gain of the other order is set.
     """
-    if order == 2 and gains[2] is not None:
+    _, _, k3 = gains
+    if order == 2 and k3 is not None:
         raise UsageError("parameter 'k3' belongs to order 3, and the order is 2")
     usual = PAPER if order == 2 else TRIPLE_POLE
     k = tuple(float(default if given is None else given) for given, default in zip(gains, usual))

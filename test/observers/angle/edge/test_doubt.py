@@ -56,7 +56,8 @@ def test_wrong_readings_cost_little_however_many_follow_each_other(kind, noise):
     for each in (reading, wrong_readings(kind, random)(reading)):
         out = make('edge_adaptive').run(stamps(len(TIME), 1.0 / RATE), wrapped(each))
         errors.append(rms((out.velocity - VELOCITY)[500:]))
-    assert errors[1] < 4.0 * errors[0]  # 20 to 3,000 times where two may look like a manoeuvre
+    # 20 to 3,000 times where two may look like a manoeuvre
+    assert errors[1] < (1.3 if noise > 0.0 else 4.0) * errors[0]
 
 
 def test_a_slip_shifts_the_angle_and_leaves_the_speed():
