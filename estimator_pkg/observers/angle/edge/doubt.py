@@ -66,8 +66,10 @@ def is_spoilt(state: Any, design: Any, dt: float) -> bool:
     tracking, reading, motion = state.tracking, state.reading, state.motion
     if tracking.off != 0.0:
         distance = wrap(reading.angle - motion.angle - motion.velocity * dt, design.period)
-        back = abs(distance) < AGREES * abs(tracking.off)
-        tracking.spoilt = 3.0 if back or repeats(state) else 0.0
+        slipped = wrap(distance - tracking.off, design.period)
+        nearest = min(abs(distance), abs(slipped))  # else it was a blow
+        is_wrong = nearest < AGREES * abs(tracking.off) or repeats(state)
+        tracking.spoilt = 3.0 if is_wrong else 0.0
     elif tracking.spoilt > 0.0:
         tracking.spoilt -= 1.0
     return tracking.spoilt > 0.0

@@ -90,3 +90,33 @@ def test_a_stop_is_no_reading_that_repeats():
     )
     assert np.max(np.abs(out.velocity[4010:])) < 0.5
     assert np.max(np.abs(out.velocity[4100:])) < 0.02
+
+
+def test_the_speed_is_held_and_not_the_acceleration():
+    reading = swing(0.0, 3)
+    at = 1000 + np.argmax(np.abs(np.diff(VELOCITY))[1000:])
+    reading[at] += 1.0
+    out = make('edge_adaptive').run(stamps(len(TIME), 1.0 / RATE), wrapped(reading))
+    assert out.status[at] == COASTING
+    assert abs(out.velocity[at] - out.velocity[at - 1]) < 1e-3  # the motion changes it by 0.026
+
+
+def test_flips_of_several_samples_are_slips_and_no_noise():
+    """At 100 Hz: 600 times the error where their third differences were taken for noise."""
+    t = np.arange(2000) / 100.0
+    w = 1.4 * np.pi
+    clean = np.floor(6.0 / w * np.sin(w * t) / QUANTUM) * QUANTUM
+    flipped = clean.copy()
+    random = np.random.default_rng(1)
+    for first in range(100, 1950, 50):
+        flipped[first : first + random.integers(1, 20)] += np.pi
+    errors = [
+        rms(
+            (
+                make('edge_adaptive').run(stamps(len(t), 0.01), wrapped(each)).velocity
+                - 6.0 * np.cos(w * t)
+            )[50:]
+        )
+        for each in (clean, flipped)
+    ]
+    assert errors[1] < 4.0 * errors[0]
