@@ -4,7 +4,7 @@
 """``--part faults``: faults of stamps and readings, what the default observer counts and reports.
 
 The joint moves as a sine of 5 rad/s at 2 Hz, read at 1 kHz with 4096 counts. The status is judged
-both ways: how long no estimate was published, and how much of what was published was wrong.
+by two numbers: how long it gave no estimate, and how many of the estimates were wrong.
 """
 
 from __future__ import annotations

@@ -197,15 +197,17 @@ class Sources:
         """Return what a dotted name refers to, first among ``known`` ones; None for a value."""
         if isinstance(node, ast.Name):
             return known[node.id] if node.id in known else self.find(module, node.id)
-        owner = self.dotted(module, node.value, known) if isinstance(node, ast.Attribute) else None
+        if not isinstance(node, ast.Attribute):
+            return None
+        owner = self.dotted(module, node.value, known)
         if isinstance(owner, Outside):
-            return Outside(f'{owner.name}.{node.attr}')  # type: ignore[attr-defined]
+            return Outside(f'{owner.name}.{node.attr}')
         owner = self.scope_of(owner) or owner
         if not isinstance(owner, Module):
             return None
         find: Any = self.member if isinstance(owner, Class) else self.find
-        found = find(owner, node.attr)  # type: ignore[attr-defined]
-        return found or module.refuse(node, f'{owner.shown} has no {node.attr!r}')  # type: ignore
+        found = find(owner, node.attr)
+        return found or module.refuse(node, f'{owner.shown} has no {node.attr!r}')
 
     def constant(self, found: Found) -> Any:
         """Return the value of a module's constant: a number, or a tuple of numbers."""

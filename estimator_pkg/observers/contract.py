@@ -36,7 +36,6 @@ class Observer:
     EDGES : it takes a changed count as the time at which an edge was crossed.
     TURNS : it goes on without a circle where the sensor counts turns (`sensor.turns`): its state
         fits both, and it needs no circle to tell an outlier.
-    DRIVEN : a known input acts between two samples: none may be dropped or taken later.
     """
 
     name: str
@@ -48,7 +47,6 @@ class Observer:
     SINGLE_ANGLE = False
     EDGES = False
     TURNS = False
-    DRIVEN = False
 
     @staticmethod
     def design(gains: Any, circle: Circle) -> Any:

@@ -48,7 +48,7 @@ LEAPS = 4  # and as many are enough,
 ALONE = 4  # or three if the holds are equally long
 FAST = 5.0  # counts: more than noise that repeats at every second sample,
 QUICK = 3  # and a fourth is enough
-MISSING = 10.0  # counts: a steady motion that lacks so many has stopped, or the sensor is stuck;
+MISSING = 10.0  # counts: a steady motion without these has stopped, or the sensor is stuck;
 STEADY = 16  # it is steady after as many changes in one direction,
 SLOWER = 1.2  # if the last counts took at most this many times as long as before,
 SLOWEST = 4.0  # and no longer than this [samples a count]
@@ -198,8 +198,8 @@ def most_speed(holds: Holds, stamp_ns: int) -> float:
     """Return the largest speed that the readings show since a leap [rad/s or m/s]; inf: any."""
     if holds.leap == 0.0 or not (holds.apart or holds.unchanged > 0):
         return math.inf
-    since = (stamp_ns - holds.changed_ns) * 1e-9
-    return holds.leap / (since if since > holds.held else holds.held)
+    hold = max((stamp_ns - holds.changed_ns) * 1e-9, holds.held)
+    return holds.leap / hold if hold > 0.0 else math.inf
 
 
 def shown_speed(holds: Holds, stamp_ns: int, velocity: float) -> float:

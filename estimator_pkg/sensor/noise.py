@@ -117,10 +117,11 @@ def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, spoilt
             sensor.vibration_power += (power - sensor.vibration_power) / NOISE_SAMPLES
             sensor.mean_sample_time += (dt - sensor.mean_sample_time) / NOISE_SAMPLES
             sensor.residual_change = third
-    if sensor.noise < sensor.noise_bound - square:  # more than any quantisation makes: it is noise
-        sensor.noise = sensor.noise_bound - square
-    elif quantum != sensor.quantum:
+    least = sensor.noise_bound - square  # more than any quantisation makes: it is noise
+    if quantum != sensor.quantum:
         sensor.noise = BLUR * BLUR * square
+    if sensor.noise < least:
+        sensor.noise = least
     sensor.quantum, sensor.step, sensor.dt = quantum, step, dt
     if step == 0.0:
         sensor.since += dt

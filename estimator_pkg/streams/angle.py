@@ -46,7 +46,7 @@ JOINT_STATES = 'joint_states'
 ANGLE = 'angle'
 FIELD = 'field'
 NONE, REGULAR = 'none', 'regular'  # of the parameter stamp_repair
-DEGREES = 360.0  # per turn: so many or fewer are a unit, and not the counts of a sensor
+DEGREES = 360.0  # per turn: up to this number it is a unit of the angle, and no count
 ANGLE_TYPES = ('Float64', 'Float32', 'Int32', 'Int64', 'UInt16')  # of std_msgs
 NODE_OF = {
     'angle_and_input': 'adaptive_observer',

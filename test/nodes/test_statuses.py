@@ -40,7 +40,7 @@ def test_what_is_not_estimated_is_reported_but_not_each_standstill(own, capfd):
     motor = live.node.stream.joint
 
     def seconds(count, turns, voltage=1.0):
-        """Return the errors about missing estimates in so many seconds."""
+        """Feed `count` seconds; return the errors about missing estimates."""
         nonlocal row
         for _ in range(count):
             for stamps, values in motors.steady(50, row, turns):

@@ -198,7 +198,7 @@ def relation(time: Array, values: Array, truth: Array, position: Array, unsure: 
 
 
 def _averaged(time: Array, values: Array, truth: Array, width: float) -> tuple[Array, Array]:
-    """Return both as means over so many seconds, without their own means."""
+    """Return both, averaged over `width` [s], less the mean of the record."""
     count = max(1, min(round(width / float(np.median(np.diff(time)))), len(time) // 4))
     window = np.ones(count) / count
     first, second = (np.convolve(each, window, 'same') for each in (values, truth))

@@ -22,7 +22,7 @@ def test_a_beat_of_speed_and_sampling_is_not_taken_for_motion(counts):
 
 
 def test_readings_that_repeat_a_pattern_do_not_make_it_too_sure():
-    """At so many counts per sample the innovations soon are far smaller than foreseen, but they are
+    """At these counts per sample the innovations soon are far smaller than foreseen, but they are
     the same ones again and again, and no news: no error is 5 sigma.
     """
     ratios = []
