@@ -14,7 +14,7 @@ from typing import Any
 
 from estimator_pkg.circle import wrap
 from estimator_pkg.estimate import Deviation
-from estimator_pkg.observers.angle.edge.constants import SIGMAS
+from estimator_pkg.observers.angle.edge.constants import LONGEST_MEMORY, SIGMAS
 from estimator_pkg.observers.angle.edge.start import START_DURATION, start_variance, unknown_speed
 from estimator_pkg.sensor.noise import Sensor
 
@@ -55,12 +55,16 @@ def deviation(
             variance += (2.0 * rate) * (2.0 * rate)
     if starting:
         variance += start_variance(state, dt)
+    # the shorter the density has been learnt since a manoeuvre, the less it is known
+    learnt = 0.25 * LONGEST_MEMORY + process.time_since_manoeuvre
+    variance += variance * LONGEST_MEMORY / learnt
     sigma = math.sqrt(variance)
     if sensor.since > 0.0:
         most = fastest(sensor)
         if abs(speed) > most:  # what the output cuts off, the joint may have lost again
             sigma += abs(speed) - most
-        sigma = most if sigma > most else sigma
+        # a parabola that stays within a quantum ends at most four quanta in that time steeper
+        sigma = min(sigma, 4.0 * most)
     floor = quantum * quantum / 12.0  # where in its count the encoder changes is not known
     out.position = math.sqrt(p.p00 * design.of_angle + floor if p.p00 > 0.0 else floor)
     out.velocity = scale * sigma

@@ -24,10 +24,10 @@ FIRST_EDGE = 3.0  # the same when the first has just come: the next one may be a
 START_DURATION = 0.25  # [s] a start lasts: so long a change of its acceleration may not be seen
 RESTS = 0.1  # [s] without motion: a rest. In noise: without leaving a quantum and the noise
 # outside the cell, in standard deviations of the noise: slack of the sum, a sum that shows that a
-# start is likely, and a reading that shows it alone
+# start is likely, and the largest sum, which CONFIRMED readings inside the cell take back
 UNMOVED = 1.0
 FAR = 1.5
-CERTAIN_START = CONFIRMED * UNMOVED  # which as many readings inside the cell take back
+CERTAIN_START = CONFIRMED * UNMOVED
 RAMP_END_PART = 0.2  # of the speed error at a ramp's end (`start_variance`): five cover it
 DURATION_ALONE = 0.5  # changed readings, where `START_DURATION` alone has not passed
 PERHAPS = 0.75  # the same, where noise alone may have looked like a start
@@ -113,11 +113,6 @@ def doubt_in_noise(state: Any, dt: float) -> None:
     if RESTS * abs(state.motion.velocity) > sigma + quantum:
         return
     beyond = (abs(innovation) - 0.5 * quantum) / sigma  # outside the cell
-    if beyond > CERTAIN_START:
-        variance, since = unknown_speed(abs(innovation), dt), uncertainty.time_since_first_motion
-        set_start_uncertainty(uncertainty, variance, SETTLES, since, dt)
-        uncertainty.total, uncertainty.run_time = math.copysign(CERTAIN_START, innovation), dt
-        return
     total = uncertainty.total
     if beyond > 0.0:
         z = math.copysign(beyond, innovation)

@@ -64,8 +64,8 @@ def check(draws, duration=6.0):
     assert ours['noise']['worst_ratio'] > 0.5  # the yardstick was there
     if draws == DRAWS:
         for name in MOVING:  # a shaft at rest is known better than by a variance
-            # overdue edges are in doubt: wider than 95 %, and with a lower interval score than 98 %
-            most = {'trapezoid': 0.99, 'steps': 0.99, 'reversal': 0.999}.get(name, 0.98)
+            # overdue edges and the time after a manoeuvre are in doubt: wider than 95 %
+            most = {'trapezoid': 0.999, 'steps': 0.999, 'reversal': 0.999}.get(name, 0.985)
             assert 0.93 <= ours[name]['coverage'] <= most, name
 
 
@@ -103,8 +103,9 @@ MOVING = (
 def test_standard_deviation_covers_in_motion():
     moving = [BY_NAME[name] for name in MOVING if name != '10 kHz']
     for row in drawn([ENTRY], moving, 4, 5.0):
-        # of four draws; between two edges of a slow reversal nearly all errors are bounded
-        most = 0.999 if row['signal'] == 'reversal' else 0.99
+        # of four draws; between two edges of a slow reversal nearly all errors are bounded, and it
+        # is wider after a manoeuvre
+        most = 0.999 if row['signal'] in ('reversal', 'trapezoid', 'steps') else 0.992
         assert 0.915 <= row['coverage'] <= most, row['signal']
 
 
