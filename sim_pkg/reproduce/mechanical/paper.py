@@ -6,15 +6,16 @@
 from __future__ import annotations
 
 from sim_pkg.reproduce.contract import Reproduction
-from sim_pkg.reproduce.mechanical import cart, lab, leg, loop
+from sim_pkg.reproduce.mechanical import lab, loop
+from sim_pkg.reproduce.mechanical.sections import CART, LEG
 
 REPRODUCTION = Reproduction(
     name='mechanical',
     summary='Aranovskiy, Ortega, Romero, Sokolov: A globally exponentially stable speed observer '
     'for a class of mechanical systems (2019)',
     parts={
-        'B': ('Table 1: cart-pendulum, simulated (mean of 20 seeds)', cart.values),
-        'C': ('Table 2: robotic leg, simulated (median of 20 seeds)', leg.values),
+        'B': ('Table 1: cart-pendulum, simulated (mean of 20 seeds)', CART.values),
+        'C': ('Table 2: robotic leg, simulated (median of 20 seeds)', LEG.values),
         'D': ('6.2 and Table 5: open loop, high- and low-precision measurements', lab.values),
         'E': (
             '6.3 and Table 6: closed loop; E1: 1 if it fell; mean |q1| e2, mean q1^2 e4',
