@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import field, laws
+from benchmarks import field
 from benchmarks.columns import Column, of_signal
 from benchmarks.laws import Law, peers
 from benchmarks.runner import chosen, printed
@@ -120,39 +120,3 @@ def test_the_slope_at_the_end_of_a_parabola_is_exact_for_one():
         column = Column('x', samples, QUANTUM, period=0.0)
         found = law.run(column, 14 * H)[100:]
         np.testing.assert_allclose(found, samples.velocity[100:], atol=1e-5)
-
-
-def test_adaptive_windows_are_as_long_as_the_chord_holds():
-    rng = np.random.default_rng(4)
-    time = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, 400))
-    angle = counted(0.3 * np.sin(9.0 * time)) + 1e-4 * rng.standard_normal(400)
-    found = laws.adaptive_windows(time, angle, QUANTUM, 1.5)
-    for k in range(1, 400, 7):
-        n = 0
-        while n < min(k, laws.length(time, laws.LONGEST)):
-            chord = np.interp(time[k - n - 1 : k + 1], time[[k - n - 1, k]], angle[[k - n - 1, k]])
-            if np.abs(chord - angle[k - n - 1 : k + 1]).max() > 1.5 * QUANTUM:
-                break
-            n += 1
-        slope = np.polyfit(time[k - n : k + 1], angle[k - n : k + 1], 1)[0]
-        assert found[k] == pytest.approx(slope, rel=1e-6, abs=1e-9), k
-
-
-def test_edges_are_where_the_count_changes():
-    """Exact for a constant speed, below one count per sample and above; at rest it is 0."""
-    for speed in (0.31, 7.77):
-        found = laws.edges(TIME, counted(speed * TIME), QUANTUM, 30)
-        assert np.abs(found[500:] - speed).max() < 0.03 * speed
-    stopped = counted(0.31 * np.minimum(TIME, 1.0))
-    found = laws.edges(TIME, stopped, QUANTUM, 10)
-    assert found[990] == pytest.approx(0.31, rel=0.05) and not found[1100:].any()
-
-
-def test_the_filtering_differentiator_is_exact_within_its_bound():
-    """A jerk of 40 rad/s^3, without noise: exact up to the step if the bound is larger."""
-    angle = 40.0 / 6.0 * TIME**3
-    errors = [
-        np.abs(laws.filtering(TIME, angle, QUANTUM, bound) - 20.0 * TIME**2)[1500:].max()
-        for bound in (100.0, 20.0)
-    ]
-    assert errors[0] < 0.1 < errors[1]

@@ -92,12 +92,6 @@ def test_missing_peers_are_reported_as_not_run(monkeypatch):
     assert row['value'] is None and 'not installed' in row['why']
 
 
-def test_without_the_engine_batches_are_not_run(monkeypatch):
-    monkeypatch.setattr('estimator_pkg.driver.joint.functions_of', lambda module: None)
-    (row,) = update.batches(1000, 1)
-    assert row['value'] is None and 'C compiler' in row['why']
-
-
 def test_what_is_measured_is_the_installed_package():
     """`python -m benchmarks` finds the checkout first, whose package has no engine."""
     found = f'sys.path.insert(0, {str(ROOT)!r}); import benchmarks, estimator_pkg as found'
