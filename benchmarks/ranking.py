@@ -87,7 +87,7 @@ class Outcome(NamedTuple):
     tau : Kendall's, over all candidates. regret : of the pick among all; regret_of_choice : of what
     `evaluate` chooses among the defaults; regret_of_doctor : of what `doctor` chooses among its own
     candidates, nan without a choice; regret_of_default : of edge_adaptive. pairs, declared,
-    wrong, ratio (median of the estimated over the true error) : of the defaults.
+    wrong : of the defaults.
     """
 
     name: str
@@ -101,7 +101,6 @@ class Outcome(NamedTuple):
     declared: int
     wrong: int
     among_ties: bool
-    ratio: float
 
 
 def candidates() -> list[Entry]:
@@ -215,7 +214,6 @@ def judge(case: Case, entries: Sequence[Entry]) -> Outcome | None:
         len(declared),
         sum(true[pair.first] > true[pair.second] for pair in declared),
         best == verdict.best or best in verdict.ties,
-        float(np.median([verdict.rms[name] / true[name] for name in small.rms])),
     )
 
 
@@ -288,7 +286,6 @@ def summary(outcomes: Sequence[Outcome]) -> dict[str, float]:
         'pairs': sum(each.pairs for each in outcomes),
         'wrong': sum(each.wrong for each in outcomes),
         'among_ties': sum(each.among_ties for each in outcomes),
-        'ratio': of('ratio', 0.5),
     }
 
 

@@ -137,17 +137,22 @@ def references(paper: str) -> tuple[Reference, ...]:
     Its columns are the attributes of `Reference`.
     """
     table = files(f'{__package__}.{paper}').joinpath('references.csv').read_text(encoding='utf-8')
-    rows = csv.DictReader(table.splitlines())
     return tuple(
         Reference(
-            **{**row, **{name: _number(row[name]) for name in ('value', 'tolerance', 'paper')}}
+            row['id'],
+            row['what'],
+            float(row['value']),
+            float(row['tolerance']),
+            row['kind'],
+            _printed(row['paper']),
+            row['basis'],
         )
-        for row in rows
+        for row in csv.DictReader(table.splitlines())
     )
 
 
-def _number(cell: str) -> float | str:
-    """Return a cell as a number, or its words."""
+def _printed(cell: str) -> float | str:
+    """Return what the paper prints: a number or its words."""
     try:
         return float(cell)
     except ValueError:

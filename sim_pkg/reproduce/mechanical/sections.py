@@ -67,7 +67,7 @@ class Section:
     @property
     def time(self) -> Array:
         """Times of the samples [s], shape (count,)."""
-        return DT * np.arange(self.count)
+        return np.asarray(DT * np.arange(self.count), np.float64)
 
     def truth(self) -> tuple[Array, Array]:
         """Return (positions, velocities)."""
