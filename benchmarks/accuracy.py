@@ -21,12 +21,12 @@ import yaml
 
 from benchmarks import recorded
 from benchmarks.columns import EDGE, START, Column, shared
-from benchmarks.runner import csv_text, delay_and_coverage, result
+from benchmarks.runner import Blocks, Part, Table, csv_text, delay_and_coverage, result
 from benchmarks.signals import DURATION, FURTHER, SIGNALS
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.reference.reference import NOISE_MULTIPLE
-from estimator_pkg.evaluation.text import fixed, markdown, number, table
+from estimator_pkg.evaluation.text import fixed, number
 from estimator_pkg.progress import progress
 
 Rows = list[dict[str, Any]]
@@ -35,13 +35,14 @@ ALL = SIGNALS + FURTHER
 MARGIN = 1.15  # a new bound over the measured value
 
 
-def part(bags: Path) -> tuple[Rows, str]:
-    """Return the rows of signals and recordings, and why the latter are not among them."""
-    rows = run(shared(ALL, DURATION), at_defaults())
+def part(bags: Path) -> Part:
+    """Return the rows of signals and recordings, or why the latter are not among them."""
+    rows, lacking = run(shared(ALL, DURATION), at_defaults()), ''
     try:
-        return rows + run(recorded.with_truth(bags)), ''
+        rows += run(recorded.with_truth(bags))
     except UserError as error:
-        return rows, f'recordings: not run: {error}'
+        lacking = f'recordings: not run: {error}'
+    return rows, [*describe(rows), lacking]
 
 
 def run(columns: Sequence[Column], entries: Sequence[Entry] | None = None) -> Rows:
@@ -73,7 +74,7 @@ def as_csv(rows: Iterable[Mapping[str, Any]]) -> str:
     )
 
 
-def describe(rows: Rows, as_markdown: bool = False) -> str:
+def describe(rows: Rows) -> Blocks:
     """Return the table: rms error, delay and coverage per stream and observer."""
     observers = list(dict.fromkeys(row['observer'] for row in rows))
     cells: dict[str, dict[str, str]] = {}
@@ -87,13 +88,13 @@ def describe(rows: Rows, as_markdown: bool = False) -> str:
         cells.setdefault(row['stream'], {})[row['observer']] = text
     lines = [(name, *(row.get(each, '-') for each in observers)) for name, row in cells.items()]
     legend = '; '.join(f'{each.name}: {each.summary}' for each in ALL)
-    return (
+    text = (
         'velocity rms error [rad/s], delay [ms], coverage of the 95 % interval, at the defaults.\n'
         f'All without the last {EDGE:g} s. Signals: 1 kHz and 4096 counts unless stated otherwise, '
         f'without the first second: {legend}.\nRecordings: without the first {START:g} s, without '
-        "lag and bias of the reference; *: below the reference's own error\n\n"
-        + (markdown if as_markdown else table)(('stream', *observers), lines)
+        "lag and bias of the reference; *: below the reference's own error"
     )
+    return text, Table(('stream', *observers), lines)
 
 
 def bounds(rows: Rows) -> dict[str, dict[str, list[float]]]:

@@ -17,17 +17,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.runner import SIGMAS, Part, Table
 from benchmarks.signals import SIGNALS, encoder
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.text import markdown, number, table
+from estimator_pkg.evaluation.text import number
 from estimator_pkg.sensor.faults import KINDS
 
 Array = NDArray[Any]
 OBSERVER = 'edge_adaptive'
 SECONDS = 20.0
-SIGMAS = 1.96
 WRONG = 0.5  # error of a wrong estimate, at least, and outside of its 95 % interval [rad/s]
 LOOK = 10  # samples between two looks at the text of the status
 MS = 1_000_000  # [ns]
@@ -116,13 +116,14 @@ FAULTS: dict[str, Fault] = {
 }
 
 
-def faults() -> list[dict[str, Any]]:
+def part() -> Part:
     """Return rows, by fault: what was counted and reported, times without estimate, errors."""
     sent = Stream(*SIGNAL.samples(duration=SECONDS))
-    return [
+    rows = [
         {'fault': name, **judged(fault(sent, np.random.default_rng(1)))}
         for name, fault in FAULTS.items()
     ]
+    return rows, [describe(rows)]
 
 
 def judged(received: Stream) -> dict[str, Any]:
@@ -159,7 +160,7 @@ def judged(received: Stream) -> dict[str, Any]:
     }
 
 
-def describe(rows: Sequence[dict[str, Any]], as_markdown: bool = False) -> str:
+def describe(rows: Sequence[dict[str, Any]]) -> Table:
     """Return the rows as a table."""
     lines = [
         (
@@ -173,13 +174,5 @@ def describe(rows: Sequence[dict[str, Any]], as_markdown: bool = False) -> str:
         )
         for row in rows
     ]
-    header = (
-        'fault',
-        'counted',
-        'reported',
-        'published [%]',
-        'wrong [%]',
-        'rms [rad/s]',
-        'covered [%]',
-    )
-    return (markdown if as_markdown else table)(header, lines)
+    measured = 'published [%]', 'wrong [%]', 'rms [rad/s]', 'covered [%]'
+    return Table(('fault', 'counted', 'reported', *measured), lines)

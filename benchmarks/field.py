@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from benchmarks import recorded
 from benchmarks.captures import captures
 from benchmarks.columns import Column, shared
-from benchmarks.laws import Law, ours, peers
-from estimator_pkg.evaluation.text import fixed, markdown, table
+from benchmarks.laws import ours, peers
+from benchmarks.runner import Blocks, Part, Table, chosen
+from estimator_pkg.evaluation.text import fixed
 
 MAIN = 'edge_adaptive'
 MOVES = 0.05  # mean square of a recording's speed, at least [(rad/s)^2]
@@ -42,10 +43,13 @@ def _moves(column: Column) -> bool:
     return float((velocity * velocity).mean()) > MOVES
 
 
-def laws() -> tuple[list[Law], list[str]]:
-    """Return (every law, names of libraries that are not installed)."""
+def part(bags: Path) -> Part:
+    """Return the comparison of all laws; raise UserError without recordings."""
+    sets = columns(bags)
     others, missing = peers()
-    return [*ours(), *others], missing
+    rows = compared(chosen([*ours(), *others], sets), sets)
+    lacking = f'not run, not installed: {", ".join(missing)}' if missing else ''
+    return rows, [*describe(rows), lacking]
 
 
 def compared(
@@ -86,8 +90,8 @@ def compared(
     return rows
 
 
-def describe(rows: Sequence[dict[str, Any]], as_markdown: bool = False) -> str:
-    """Return the table of `compared` as text."""
+def describe(rows: Sequence[dict[str, Any]]) -> Blocks:
+    """Return the table of `compared`."""
     lines = [
         (
             row['law'],
@@ -97,7 +101,8 @@ def describe(rows: Sequence[dict[str, Any]], as_markdown: bool = False) -> str:
         for row in rows
     ]
     header = ('law', *rows[0]['means'], f'{MAIN} loses to it on')
-    return (
+    text = (
         f"velocity rms over {MAIN}'s: geometric mean over the columns of a set, each law at its "
-        f'one setting for the set\n\n{(markdown if as_markdown else table)(header, lines)}'
+        'one setting for the set'
     )
+    return text, Table(header, lines)

@@ -30,11 +30,10 @@ from numpy.typing import NDArray
 
 from benchmarks.columns import Column, referenced
 from benchmarks.laws import ours
-from benchmarks.runner import chosen, csv_text, delay_and_coverage, result
+from benchmarks.runner import Blocks, Part, Table, chosen, csv_text, delay_and_coverage, result
 from benchmarks.signals import START_NS
 from estimator_pkg.bags.series import Series
-from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation import text
+from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.truth import OFFLINE_SMOOTHER, measured_truth
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.reference.motion import motion
@@ -217,16 +216,20 @@ def numbers(line: str) -> list[float]:
 Found = dict[str, Any]
 
 
-def run(folder: Path, lists: Iterable[str] = tuple(LISTS)) -> dict[str, Found]:
-    """Return the comparison by list, whose files are below `folder`; raise UserError."""
+def part(folder: str | None, lists: Iterable[str] = ()) -> Part:
+    """Return the comparison by list, all by default, whose files are below `folder`."""
+    if folder is None:
+        raise UsageError(
+            'their files are not shipped: give the folder of the repositories with --held-out'
+        )
     frozen = yaml.safe_load(CONTACT.read_text(encoding='utf-8'))['frozen']
-    read = {which: columns(folder, which) for which in lists}  # a missing file is named at once
+    read = {which: columns(Path(folder), which) for which in lists or LISTS}  # or a file is missing
     found = {}
     for which, (every, judged, excluded) in read.items():
         compare = compared(every, judged, frozen if which == 'contact' else None)
         sources = {each.name: each.keys['source'] for each in listed(which)}
         found[LISTS[which]] = {**compare, 'sources': sources, 'left_out': excluded}
-    return found
+    return found, describe(found)
 
 
 def columns(
@@ -349,7 +352,7 @@ def as_csv(lists: Mapping[str, Found]) -> str:
     )
 
 
-def by_source(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
+def by_source(lists: Mapping[str, Found]) -> Table:
     """Return the table of the sources: `edge_adaptive` over the single best baseline."""
     lines = []
     for title, found in lists.items():
@@ -373,11 +376,11 @@ def by_source(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
                 )
             )
     header = ('source', 'fixed', 'judged', '/ single: mean', 'worst', 'covered [%]')
-    return (text.markdown if as_markdown else text.table)(header, lines)
+    return Table(header, lines)
 
 
-def describe(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
-    """Return the table of all series, and lines that summarise each list."""
+def describe(lists: Mapping[str, Found]) -> Blocks:
+    """Return the tables of all series and sources, and lines that summarise each list."""
     lines = []
     for title, found in lists.items():
         for row in found['rows']:
@@ -393,15 +396,13 @@ def describe(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
     header = ['list', 'series', 'reference', 'single', 'best of four']
     for observer in OBSERVERS:
         header += [observer, '/ single', '/ best', 'covered', 'late [ms]']
-    return '\n\n'.join(
-        [
-            'held-out recordings: velocity rms error [rad/s], observers at their defaults',
-            (text.markdown if as_markdown else text.table)(tuple(header), lines),
-            "*: not judged: the reference's own error is more than half of the best baseline's",
-            by_source(lists, as_markdown),
-            *('\n'.join(_summarised(title, found)) for title, found in lists.items()),
-        ]
-    )
+    return [
+        'held-out recordings: velocity rms error [rad/s], observers at their defaults',
+        Table(header, lines),
+        "*: not judged: the reference's own error is more than half of the best baseline's",
+        by_source(lists),
+        *('\n'.join(_summarised(title, found)) for title, found in lists.items()),
+    ]
 
 
 def _summarised(title: str, found: Found) -> Iterable[str]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,9 +25,8 @@ from numpy.typing import NDArray
 from scipy.stats import kendalltau
 
 from benchmarks import held_out, recorded
-from benchmarks.columns import published
+from benchmarks.columns import Column, published
 from benchmarks.motions import FAILURES, MOTIONS, sampled
-from benchmarks.signals import Samples
 from estimator_pkg.evaluation.checks.joint import checked, failed, stretch
 from estimator_pkg.evaluation.checks.joint import reference as moved
 from estimator_pkg.evaluation.checks.readings import Readings
@@ -42,7 +42,6 @@ from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
 
-TURN = 2.0 * math.pi
 BANDWIDTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0)  # [Hz], of observers that have one
 BOUNDS = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7)  # of super_twisting
 COARSER = (8.0, 32.0, 128.0)  # times the quantum of a recording
@@ -75,17 +74,11 @@ HEADER = (
 
 
 class Case(NamedTuple):
-    """One series: readings of a joint and the velocity that judges.
+    """A column that belongs to a group; motion_hz as in `rank`."""
 
-    noise : error of that velocity [rad/s]. motion_hz : as in `rank`. period : of the wrap [rad].
-    """
-
-    name: str
     group: str
-    samples: Samples
-    noise: float = 0.0
+    column: Column
     motion_hz: float | None = None
-    period: float = TURN
 
 
 class Outcome(NamedTuple):
@@ -94,7 +87,7 @@ class Outcome(NamedTuple):
     tau : Kendall's, over all candidates. regret : of the pick among all; regret_of_choice : of what
     `evaluate` chooses among the defaults; regret_of_doctor : of what `doctor` chooses among its own
     candidates, nan without a choice; regret_of_default : of edge_adaptive. pairs, declared,
-    wrong, ratio (median of the estimated over the true error) : of the defaults.
+    wrong : of the defaults.
     """
 
     name: str
@@ -108,7 +101,6 @@ class Outcome(NamedTuple):
     declared: int
     wrong: int
     among_ties: bool
-    ratio: float
 
 
 def candidates() -> list[Entry]:
@@ -141,34 +133,35 @@ def cases(bags: Path, files: Path | None = None) -> Iterator[Case]:
             continue
         group = 'short and violent' if path.name == VIOLENT else RECORDED
         for column in recorded.of_bag(path):
-            yield Case(column.name, group, column.samples, column.noise)
-            yield from _coarser(column.name, column.samples)
+            yield Case(group, column)
+            yield from _coarser(column)
     for name in MOTIONS:
-        yield Case(name, SIMULATED, sampled(name))
+        yield Case(SIMULATED, Column(name, sampled(name), 0.0))
     for name in FAILURES:
-        group = name.partition(':')[0]
-        yield Case(name, group, sampled(name))
+        column, group = Column(name, sampled(name), 0.0), name.partition(':')[0]
+        yield Case(group, column)
         if group == 'hum':
-            yield Case(f'{name}, answered', 'hum, --motion-hz 2', sampled(name), motion_hz=2.0)
+            yield Case('hum, --motion-hz 2', replace(column, name=f'{name}, answered'), 2.0)
     if files is None:
         return
     for which, title in held_out.LISTS.items():
         for each in held_out.listed(which):
             column = held_out.column(files, each)
-            if not failed(checked(_readings(column.samples, column.period))):
-                yield Case(column.name, title, column.samples, column.noise, period=column.period)
+            if not failed(checked(_readings(column))):
+                yield Case(title, column)
 
 
-def _readings(samples: Samples, period: float) -> Readings:
+def _readings(column: Column) -> Readings:
     """Return the readings as `doctor` has them."""
-    nothing = np.full(len(samples.angle), np.nan)
-    stamps = samples.stamps
-    return Readings('', stamps, stamps, samples.angle, nothing, period, int(stamps[0]))
+    stamps, angle = column.samples.stamps, column.samples.angle
+    nothing = np.full(len(angle), np.nan)
+    return Readings('', stamps, stamps, angle, nothing, column.period, int(stamps[0]))
 
 
-def _coarser(name: str, fine: Samples) -> Iterator[Case]:
+def _coarser(column: Column) -> Iterator[Case]:
     """Yield a recording with coarser readings; its own smoothed motion is the truth."""
-    reference = motion(fine.stamps, fine.angle, TURN)
+    fine = column.samples
+    reference = motion(fine.stamps, fine.angle, column.period)
     if reference is None or reference.seldom or reference.constant:
         return
     velocity = np.full(len(fine.stamps), np.nan)
@@ -178,41 +171,39 @@ def _coarser(name: str, fine: Samples) -> Iterator[Case]:
     for times in COARSER:
         step = times * quantum(fine.angle)
         coarse = np.floor(fine.angle / step) * step
-        samples = Samples(fine.stamps, coarse, velocity)
-        yield Case(f'{name}, {times:g} times coarser', COARSENED, samples, reference.stddev)
+        samples, name = fine._replace(angle=coarse, velocity=velocity), f'{column.name}, {times:g}'
+        yield Case(
+            COARSENED, Column(f'{name} times coarser', samples, step, noise=reference.stddev)
+        )
 
 
-def estimates(
-    entry: Entry, samples: Samples, period: float = TURN
-) -> tuple[NDArray[np.int64], Array]:
+def estimates(entry: Entry, column: Column) -> tuple[NDArray[np.int64], Array]:
     """Return (stamps, velocities) that the observer publishes."""
-    out = entry.joint(wrap_period=period).run(samples.stamps, samples.angle)
+    samples = column.samples
+    out = entry.joint(wrap_period=column.period).run(samples.stamps, samples.angle)
     valid = published(out)
     return samples.stamps[valid], out.velocity[valid]
 
 
 def judge(case: Case, entries: Sequence[Entry]) -> Outcome | None:
     """Return the agreement; None if the truth cannot rank, or nothing is ranked."""
-    samples = case.samples
-    reference = motion(samples.stamps, samples.angle, case.period)
+    column = case.column
+    reference = motion(column.samples.stamps, column.samples.angle, column.period)
     if reference is None or reference.seldom:
         return None
-    found = {
-        entry.label: at_reference(reference, *estimates(entry, samples, case.period))
-        for entry in entries
-    }
+    found = {entry.label: at_reference(reference, *estimates(entry, column)) for entry in entries}
     verdict = rank(found, reference, DEFAULT, case.motion_hz)
     six = {name: found[name] for name in angle_observers()}
     small = rank(six, reference, DEFAULT, case.motion_hz)
     if not verdict.best or not small.best:
         return None
-    true = _true(case, reference, found, verdict)
+    true = _true(column, reference, found, verdict)
     best = min(true, key=lambda name: true[name])
-    if case.noise > LIMITS.get(case.group, JUDGES) * true[best]:
+    if column.noise > LIMITS.get(case.group, JUDGES) * true[best]:
         return None
     declared = [pair for pair in small.pairs if pair.sign]
     return Outcome(
-        case.name,
+        column.name,
         case.group,
         float(kendalltau([verdict.rms[name] for name in true], [*true.values()]).statistic),
         true[verdict.best] / true[best],
@@ -223,28 +214,27 @@ def judge(case: Case, entries: Sequence[Entry]) -> Outcome | None:
         len(declared),
         sum(true[pair.first] > true[pair.second] for pair in declared),
         best == verdict.best or best in verdict.ties,
-        float(np.median([verdict.rms[name] / true[name] for name in small.rms])),
     )
 
 
 def _true(
-    case: Case, reference: ReferenceMotion, found: Mapping[str, Array], verdict: Verdict
+    column: Column, reference: ReferenceMotion, found: Mapping[str, Array], verdict: Verdict
 ) -> dict[str, float]:
     """Return the true rms errors of the candidates that are ranked, where all have an estimate."""
-    known = at_reference(reference, case.samples.stamps, case.samples.velocity)
+    known = at_reference(reference, column.samples.stamps, column.samples.velocity)
     time = reference.time - reference.time[0]
     use = reference.firm & (time >= min(1.0, 0.15 * time[-1])) & np.isfinite(known)
     for name in verdict.rms:
         use &= np.isfinite(found[name])
     return {
-        name: max(float(np.mean((found[name] - known)[use] ** 2)) - case.noise**2, 1e-12) ** 0.5
+        name: max(float(np.mean((found[name] - known)[use] ** 2)) - column.noise**2, 1e-12) ** 0.5
         for name in verdict.rms
     }
 
 
 def _of_doctor(case: Case) -> float:
     """Return the regret of the choice of `doctor`; nan where it compares nothing."""
-    seen = _readings(case.samples, case.period)
+    seen = _readings(case.column)
     rows = np.sort(stretch(seen))
     reference = moved(seen, rows)
     if reference is None:
@@ -258,7 +248,7 @@ def _of_doctor(case: Case) -> float:
         for entry in choice.candidates(1.0 / seen.step)
         if entry.label in labels
     }
-    true = _true(case, reference, found, made.verdict)
+    true = _true(case.column, reference, found, made.verdict)
     return true[choice.choose({'': made}).label('')] / min(true.values())
 
 
@@ -296,7 +286,6 @@ def summary(outcomes: Sequence[Outcome]) -> dict[str, float]:
         'pairs': sum(each.pairs for each in outcomes),
         'wrong': sum(each.wrong for each in outcomes),
         'among_ties': sum(each.among_ties for each in outcomes),
-        'ratio': of('ratio', 0.5),
     }
 
 
@@ -350,7 +339,7 @@ def main() -> None:
     )
     parsed = parser.parse_args()
     every = cases(parsed.bags, parsed.held_out)
-    chosen = [each for each in every if parsed.only in each.name + each.group]
+    chosen = [each for each in every if parsed.only in each.column.name + each.group]
     print(describe(run(chosen)))
 
 

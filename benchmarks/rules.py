@@ -27,6 +27,7 @@ import yaml
 
 from benchmarks import ROOT, accuracy, field, motions
 from benchmarks.columns import Column, published, shared
+from benchmarks.runner import covered
 from estimator_pkg import observers
 from estimator_pkg.engine.entries import entries, installed, path_of
 from estimator_pkg.engine.translate import FLAGS, translate
@@ -37,7 +38,6 @@ FOLDERS = {'edge': 'estimator_pkg/observers/angle/edge', 'sensor': 'estimator_pk
 TESTS = ('test/support', 'test/observers/angle')  # streams that tests have
 STARTS, FAR = 280, 5.0  # random starts; standard deviations
 SAME = 1.02  # a smaller ratio of errors names no stream
-Z = 1.959964  # standard deviations of a 95 % interval
 
 
 def rules() -> dict[str, tuple[str, str, str, str]]:
@@ -88,8 +88,8 @@ def measure(path: str) -> dict[str, Any]:
         told = published(out) & column.counted & np.isfinite(out.velocity)
         error = (out.velocity - column.samples.velocity)[told]
         sigma = np.hypot(out.velocity_stddev[told], column.noise)
-        covered = float(np.mean(np.abs(error) <= Z * sigma))
-        found.setdefault(kind, {})[column.name] = float(np.sqrt(np.mean(error**2))), covered
+        rms = float(np.sqrt(np.mean(error**2)))
+        found.setdefault(kind, {})[column.name] = rms, covered(error, sigma)
     random, beyond = np.random.default_rng(1), 0
     for seed in range(STARTS):
         motion, rate = str(random.choice(list(MOTIONS))), float(random.choice([1e3, 5e2, 2e2, 1e2]))

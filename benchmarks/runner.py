@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The runner of lists: observers at their defaults and swept laws on columns, and their CSV."""
+"""The runner of lists: observers at their defaults and swept laws on columns; what is printed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import csv
 import io
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,30 @@ from benchmarks.columns import Column, published
 from benchmarks.laws import Law
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.text import fixed
+from estimator_pkg.evaluation.text import fixed, markdown, table
 from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
 
 SIGMAS = 1.959964  # standard deviations of a 95 % interval
 FAILED = 1e3  # ratio that a missing error counts as, when one setting is chosen
+
+
+class Table(NamedTuple):
+    """A table that a part prints: names of its columns, and cells."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+Blocks = Sequence[str | Table]  # what a part prints, '' left out
+Part = tuple[Any, Blocks]  # its result for --json, too
+
+
+def printed(blocks: Blocks, as_markdown: bool = False) -> str:
+    """Return blocks as text, with an empty line between two."""
+    draw = markdown if as_markdown else table
+    return '\n\n'.join(draw(*each) if isinstance(each, Table) else each for each in blocks if each)
 
 
 def covered(error: Array, sigma: Array) -> float:

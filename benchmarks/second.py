@@ -3,9 +3,7 @@
 
 """``--part second``: the error of `edge_adaptive` with a second sensor over that without it.
 
-Simulated gyros and motor encoders against the truth, and recordings of github.com/ssong47/
-compute_relative_angle_between_two_IMUs (MIT; folder MatlabCode/Data, not shipped) against an
-off-line smoother of encoder and gyro.
+Simulated gyros and motor encoders against the truth.
 """
 
 from __future__ import annotations
@@ -19,15 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.runner import Part, Table
 from estimator_pkg import observers
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.configuration import AS_ANGLE, Configuration, SourceSettings
 from estimator_pkg.driver.fused import FusedJoint
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.doctor.second import candidates
-from estimator_pkg.evaluation.text import markdown, number, table
+from estimator_pkg.evaluation.text import number
 from estimator_pkg.parameters import build
 from sim_pkg.joints.encoder import SIMULATOR
 from sim_pkg.simulate import write_bag
@@ -39,9 +37,6 @@ QUANTUM = 2.0 * math.pi / 4096
 SKIPPED = 2.0  # ignored at the beginning [s]
 GYRO = {'amplitude': 5.0 / (4.0 * math.pi), 'frequency': 2.0, 'gyro_rate': 1000.0}
 MOTOR = {'amplitude': 0.5, 'frequency': 1.5 / math.pi, 'motor_ratio': 100.0}
-AXES = {'yaw': 'z', 'roll': 'x', 'pitch': 'y'}
-PART = 12_000  # samples of a recording: two minutes
-JERKS = 10.0 ** np.arange(2.0, 7.0)  # of which the likeliest is the smoother's [rad/s^3/sqrt(Hz)]
 
 
 class Case(NamedTuple):
@@ -79,64 +74,6 @@ def _simulated(name: str, settings: dict[str, Any], ratio: float) -> Case:
     return Case(name, *readings, source, second.stamps_ns, second.values, truth.velocity)
 
 
-def recorded(folder: Path) -> Iterator[Case]:
-    """Yield the recordings below `folder`; raise UserError if there is none."""
-    from scipy.io import loadmat
-
-    paths = sorted(folder.rglob('raw_*_*.mat'))
-    if not paths:
-        raise UserError(f'{folder} has no raw_*_*.mat: give the folder MatlabCode/Data')
-    for path in paths:
-        data = {name: np.ravel(values)[:PART] for name, values in loadmat(path).items()}
-        axis = AXES[path.stem.split('_')[1]]
-        time, angle = data['all_time'], np.radians(data['all_encoder'])
-        kept = np.diff(time, prepend=-np.inf) > 0.0
-        time, angle = time[kept], angle[kept]
-        rate = np.radians(data[f'all_gyro_2_{axis}'])[kept]
-        stamps = 10**18 + np.rint(time * 1e9).astype(np.int64)
-        truth, ratio, delay = smoothed(time - time[0], angle, rate)
-        source = SourceSettings(ratio=ratio, delay=delay)
-        yield Case(path.stem[4:], stamps, angle, source, stamps, rate, truth)
-
-
-def smoothed(time: Array, angle: Array, rate: Array) -> tuple[Array, float, float]:
-    """Return the velocity [rad/s] by an off-line smoother, shape (n,), ratio and delay [s].
-
-    Bias, ratio and delay of the rate are those with the least squares of the angle. The smoother is
-    that of Rauch, Tung and Striebel, with a white jerk of the likeliest intensity.
-    """
-    turned = np.r_[0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))]
-    columns = np.c_[np.ones_like(time), time, turned, rate]
-    _, bias, ratio, shift = np.linalg.lstsq(columns, angle, rcond=None)[0]
-    value = np.interp(time + shift / ratio, time, ratio * rate + bias)
-    noise = np.array([QUANTUM**2 / 12.0, max(np.var(np.diff(rate, 2)) / 6.0, 1e-8)])
-    runs = [_smoothed(time, np.c_[angle, value], noise, jerk) for jerk in JERKS]
-    return max(runs, key=lambda run: run[0])[1], ratio, shift / ratio
-
-
-def _smoothed(time: Array, seen: Array, noise: Array, jerk: float) -> tuple[float, Array]:
-    """Return the log likelihood and the velocity."""
-    x, p, likelihood, kept = np.array([*seen[0], 0.0]), np.diag([1e-6, 1.0, 1e3]), 0.0, []
-    for dt, measured in zip(np.diff(time, prepend=time[0]).tolist(), seen):
-        f = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
-        g = np.array([dt**3 / 6.0, dt * dt / 2.0, dt])
-        before, p_before = f @ x, f @ p @ f.T + jerk * jerk * np.outer(g, g) / max(dt, 1e-9)
-        x, p = before, p_before
-        for k in range(2):  # angle, rate
-            nu, s = measured[k] - x[k], p[k, k] + noise[k]
-            likelihood -= 0.5 * (math.log(s) + nu * nu / s)
-            x, p = x + p[:, k] * (nu / s), p - np.outer(p[:, k], p[:, k]) / s
-        kept.append((f, before, p_before, x, p))
-    velocity = np.empty(len(time))
-    for k in range(len(kept) - 1, -1, -1):
-        velocity[k] = x[1]
-        if k:
-            f, before, p_before, *_ = kept[k]
-            _, _, _, filtered, p = kept[k - 1]
-            x = filtered + p @ f.T @ np.linalg.solve(p_before, x - before)
-    return likelihood, velocity
-
-
 def judged(case: Case) -> dict[str, Any]:
     """Return the errors without, with and of the second sensor alone, and what was learnt."""
     observer = observers.find('edge_adaptive')
@@ -167,8 +104,9 @@ def judged(case: Case) -> dict[str, Any]:
     }
 
 
-def describe(rows: list[dict[str, Any]], as_markdown: bool) -> str:
-    """Return the rows as a table."""
-    columns = ['case', 'alone', 'better single', 'informed', 'ratio']
+def part() -> Part:
+    """Return the figures of all cases, and their table."""
+    rows = [judged(case) for case in simulated()]
+    columns = 'case', 'alone', 'better single', 'informed', 'ratio'
     cells = [[row['case'], *(number(row[name], 3) for name in columns[1:])] for row in rows]
-    return (markdown if as_markdown else table)(columns, cells)
+    return rows, [Table(columns, cells)]

@@ -18,6 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_pkg.joints.profiles import pieces
+
 Array = NDArray[np.float64]
 Motion = Callable[[Array], tuple[Array, Array]]
 Draw = Callable[[np.random.Generator], Motion]
@@ -115,22 +117,11 @@ def trapezoid(speed: float, acceleration: float, hold: float, phase: float = 0.0
     phase : lead, as a fraction of a period.
     """
     rise = speed / acceleration
-    corners = np.cumsum([0.0, hold, rise, hold, rise])
-    speeds = np.array([0.0, 0.0, speed, speed, 0.0])
-    travelled = np.concatenate(
-        [[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(corners))]
+    profile = pieces(
+        [(hold, 0.0, 0.0), (rise, 0.0, speed), (hold, speed, speed), (rise, speed, 0.0)],
+        repeat=True,
     )
-    change = np.array([0.0, acceleration, 0.0, -acceleration])
-
-    def motion(time: Array) -> tuple[Array, Array]:
-        turns, within = np.divmod(time + phase * corners[-1], corners[-1])
-        part = np.clip(np.searchsorted(corners, within, side='right') - 1, 0, 3)
-        inside = within - corners[part]
-        velocity = speeds[part] + change[part] * inside
-        position = travelled[part] + (speeds[part] + 0.5 * change[part] * inside) * inside
-        return turns * travelled[-1] + position, velocity
-
-    return motion
+    return lambda time: profile(time + 2.0 * phase * (hold + rise))[:2]
 
 
 def some_speed(speed: float) -> Draw:

@@ -178,48 +178,39 @@ def rows(
     part = memory[round(WARM * len(memory)) :]
     half = len(part) // 2
     grown = statistics.median(part[half:]) - statistics.median(part[:half])
-    return [
-        row('messages published', published['messages'], ''),
-        *(row(f'published {kind}', published[kind], '') for kind in KINDS),
-        row('ends of the driver', kills, ''),
-        row('live changes of gains', found['changed'], ''),
-        row('live changes refused', found['refused'], '', limit=0),
-        row('messages received', node['messages_received'], ''),
-        row('messages lost by DDS, counted', lost, ''),
-        row('messages neither received nor counted as lost', abs(missing), '', limit=kills),
-        row('samples received', node['received'], ''),
-        row('samples used', node['used'], ''),
-        *(row(f'samples {name}', number, '') for name, number in dropped.items()),
-        row(
-            'samples received - used - dropped',
-            abs(node['received'] - node['used'] - sum(dropped.values())),
-            '',
-            limit=0,
-        ),
-        row(
+    unused = node['received'] - node['used'] - sum(dropped.values())
+    unanswered = node['messages_used'] - math.ceil(whole) - found['answers']
+    found_rows: list[tuple[str, float, float | None]] = [  # name, value, requirement
+        ('messages published', published['messages'], None),
+        *((f'published {kind}', published[kind], None) for kind in KINDS),
+        ('ends of the driver', kills, None),
+        ('live changes of gains', found['changed'], None),
+        ('live changes refused', found['refused'], 0),
+        ('messages received', node['messages_received'], None),
+        ('messages lost by DDS, counted', lost, None),
+        ('messages neither received nor counted as lost', abs(missing), kills),
+        ('samples received', node['received'], None),
+        ('samples used', node['used'], None),
+        *((f'samples {name}', number, None) for name, number in dropped.items()),
+        ('samples received - used - dropped', abs(unused), 0),
+        (
             'samples published - received - those of lost messages',
             abs(published['samples'] - node['received'] - gone),
-            '',
-            limit=fewer,
+            fewer,
         ),
         *(
-            row(
+            (
                 f'{kind}: published - counted',
                 abs(number),
-                '',
-                limit=math.ceil(part_lost * published[kind]) + len(NAMES) * kills,
+                math.ceil(part_lost * published[kind]) + len(NAMES) * kills,
             )
             for kind, number in wrong.items()
         ),
-        row('answers', found['answers'], ''),
-        row(
-            'messages used - answers - those without a used sample',
-            abs(node['messages_used'] - math.ceil(whole) - found['answers']),
-            '',
-            limit=repeated,
-        ),
-        row('answers that came twice', found['twice'], '', limit=0),
-        row('answers that went backwards', found['backwards'], '', limit=0),
-        row('memory of the node', part[-1], 'MB'),
-        row('memory, growth', grown, 'MB', limit=GROWTH),
+        ('answers', found['answers'], None),
+        ('messages used - answers - those without a used sample', abs(unanswered), repeated),
+        ('answers that came twice', found['twice'], 0),
+        ('answers that went backwards', found['backwards'], 0),
+        ('memory of the node [MB]', part[-1], None),
+        ('memory, growth [MB]', grown, GROWTH),
     ]
+    return [row(name, value, '', limit=limit) for name, value, limit in found_rows]

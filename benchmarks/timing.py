@@ -10,6 +10,9 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from benchmarks.runner import Part, Table
+from estimator_pkg.evaluation.text import number
+
 Side = Callable[[int], float]
 
 
@@ -106,3 +109,22 @@ def row(
 def not_run(name: str, why: str) -> dict[str, Any]:
     """Return a row for a benchmark that could not run here."""
     return row(name, None, '', why=why)
+
+
+def part(rows: list[dict[str, Any]]) -> Part:
+    """Return the rows, and their table with the requirements that are not met."""
+    lines = []
+    for each in rows:
+        limit, value = each['limit'], number(each['value'])
+        if each['value'] is None:
+            lines.append((each['name'], 'not run', '', '', each.get('why', '')))
+            continue
+        met = '' if limit is None else f'{each["required"]} {number(limit)}: '
+        met += {None: '', True: 'yes', False: 'NO'}[each['ok']]
+        lines.append((each['name'], value, number(each.get('median')), each['unit'], met))
+    missed = [each['name'] for each in rows if each['ok'] is False]
+    return rows, [
+        'value, median over the rounds, requirement',
+        Table(('', 'value', 'median', 'unit', 'required'), lines),
+        'requirement not met: ' + '; '.join(missed) if missed else '',
+    ]

@@ -64,11 +64,3 @@ def test_linter(linter):
 @pytest.mark.long
 def test_copyright():
     assert_clean('ament_copyright', *CHECKS['ament_copyright'])
-
-
-def test_the_licence_in_full():
-    """In a checkout ament_copyright looks at LICENSE and CONTRIBUTING.md, too."""
-    if not (ROOT / '.git').exists():
-        pytest.skip('not a checkout: ament_copyright looks at these files in one only')
-    code, output = checked('ament_copyright', '--verbose', 'LICENSE', 'CONTRIBUTING.md')
-    assert code == 0 and output.count('apache2') == 2, output

@@ -241,14 +241,6 @@ def test_times_in_other_units_give_the_same_estimates(times):
     assert np.allclose(found.velocity, wanted.velocity, atol=1e-2, equal_nan=True)
 
 
-def test_dates_and_seconds_since_1970_are_the_same_stamps():
-    dates = np.datetime64('2024-05-01T12:00:00.25') + (TIME * 1e9).astype('timedelta64[ns]')
-    stamps = VelocityEstimator().run(dates, TIME).stamp_ns
-    assert stamps[0] == 1_714_564_800_250_000_000
-    seconds = VelocityEstimator().run(1714564800.25 + TIME, TIME).stamp_ns
-    assert np.abs(seconds - stamps).max() <= 120
-
-
 def test_missing_times_and_angles_are_dropped_and_counted():
     missing, angle = np.arange(600) % 100 == 50, np.sin(TIME)
     where = np.flatnonzero(missing)
@@ -303,7 +295,7 @@ def test_velocities_in_one_line():
 
 
 @pytest.mark.parametrize('name', ANGLE_OBSERVERS)
-@pytest.mark.parametrize('engines', [(True, True), (False, False), (True, False), (False, True)])
+@pytest.mark.parametrize('engines', [(True, False), (False, True)])
 def test_copies_continue_on_their_own(name, engines, monkeypatch):
     """deepcopy and pickle, also between a machine with the engine and one without."""
     compiled = driver.functions_of

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from docs.examples import creep
 from docs.tools import figures
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -23,13 +22,6 @@ ENTRIES = [
 def test_a_page_prints_what_its_command_gives(entry):
     page = (ROOT / entry['page']).read_text()
     assert figures.filled(page, entry)[1] == [], 'make figures writes them'
-
-
-@pytest.mark.long
-def test_the_picture_of_the_readme_is_drawn(tmp_path):
-    pytest.importorskip('matplotlib', reason='not run: matplotlib is not installed')
-    creep.main(str(tmp_path / 'creep.png'))
-    assert (tmp_path / 'creep.png').stat().st_size > 50_000
 
 
 def test_a_wrong_figure_is_found_and_mended():

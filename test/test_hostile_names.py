@@ -8,7 +8,7 @@ import json
 import math
 import subprocess
 import sys
-from types import SimpleNamespace
+from pathlib import Path
 
 import nursery
 import pytest
@@ -16,10 +16,8 @@ import yaml
 
 from estimator_pkg import params_file, yaml_text
 from estimator_pkg.bags.writer import BagWriter
-from estimator_pkg.driver import identified as adaptive_file
 from estimator_pkg.evaluation import parameter_file
 from estimator_pkg.messages.joint_state import TYPE, Encoder
-from estimator_pkg.observers.adaptive import observer as adaptive
 from estimator_pkg.printable import PrintableStream, printable, show
 from estimator_pkg.progress import progress
 
@@ -39,6 +37,14 @@ NAMES = [
     "it's\n",
     '- a',
     '{a: b}',
+    '\\',
+    '&a',
+    '',
+    '%TAG',
+    '\ufeff',
+    '1',
+    '...',
+    'a' * 300 + ' b' * 300,
 ]
 
 
@@ -51,29 +57,16 @@ def holds_only(text, names):
     return content
 
 
-def test_identify_and_save_write_names_as_names(tmp_path):
-    values = {
-        'model': IMPORTS,
-        'joints': (IMPORTS, 'b'),
-        'input_delay': 0.0,
-        'model_parameters': ('inertia=1.0',),
-    }
-    text = parameter_file.as_yaml([f'Identified from {IMPORTS}'], values)
+@pytest.mark.parametrize('name', [*NAMES, '\ud800'])  # ROS reads no lone surrogate
+def test_a_name_stays_a_name_in_what_is_written(name):
+    assert yaml_text.read(yaml_text.scalar([name])) == [name]
+    assert holds_only(yaml_text.block({name: [name, 1.0]}), [name]) == {name: [name, 1.0]}
+    line = yaml_text.comment(name)
+    assert line.startswith('# ') and line.isprintable() and yaml.safe_load(line) is None
+    values = {'model': name, 'joints': (name, 'b'), 'input_delay': 0.0}
+    text = parameter_file.as_yaml([f'Identified from {name}'], values)
     written = holds_only(text, ['/**'])['/**']['ros__parameters']
-    assert written == {k: [*v] if isinstance(v, tuple) else v for k, v in values.items()}
-    said = SimpleNamespace(
-        adapted=1.0,
-        trusted=True,
-        theta=(1.0, 2.0, 3.0, 4.0),
-        names=(),
-        parameters=(SimpleNamespace(stddev=0.5),) * 4,
-    )
-    joint = SimpleNamespace(gains=adaptive.Adaptive.gains())
-    bank = SimpleNamespace(reports=lambda: {IMPORTS: said}, joints={IMPORTS: joint})
-    for _ in range(2):  # also where it is in the file already
-        assert adaptive_file.save(str(tmp_path / 'motor.yaml'), bank) == [IMPORTS]
-        holds_only((tmp_path / 'motor.yaml').read_text(), ['adaptive_parameters', 'joints'])
-        assert list(adaptive_file.load(str(tmp_path / 'motor.yaml'))) == [IMPORTS]
+    assert written == {**values, 'joints': [name, 'b']}
 
 
 RCL = """
@@ -152,6 +145,31 @@ def ran(*words, code=0):
     return texts
 
 
+COMMANDS = [  # (exit code, what is printed, words)
+    (0, r'  evil\x1b[2J', ['replay', 'BAG', '--observer', 'pll', '--out', 'out\x1b\nfake']),
+    (1, '', ['replay', 'BAG', '--observer', 'pll', '--joint', 'nobody\x1b[2J\nfake']),
+    (1, '', ['replay', 'nowhere\x1b\nfake', '--observer', 'pll']),
+    (1, '', ['replay', 'BAG', '--observer', 'pll', '--measurement', '/a\x1b\nfake']),
+    (2, '', ['identify', 'BAG']),
+    (1, '', ['identify', 'BAG', '--joint', EVIL]),
+    (2, '', ['simulate', 'encoder', '--out', 'b', '--params', 'evil.yaml']),
+    (2, '', ['simulate', 'encoder\x1b[2J\nfake', '--out', 'b']),
+    (2, '', ['simulate', 'encoder', '--out', 'b', '--set', 'a\x1b\nfake=1']),
+    (2, '', ['com\x1b\nfake']),
+    (2, '', ['list', 'com\x1b\nfake']),
+    (0, '', ['simulate', 'encoder', '--out', 'b\x1b[2J\nfake', '--duration', '0.01']),
+]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('code, shown, words', COMMANDS)
+def test_a_command_prints_names_as_names(code, shown, words, hostile, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path('evil.yaml').write_text('/**: {ros__parameters: {"evil\\e[2J\\nfake": 1}}')
+    reported, _ = ran(*(str(hostile) if word == 'BAG' else word for word in words), code=code)
+    assert shown in reported
+
+
 @pytest.mark.long
 def test_evaluate_prints_names_as_names(hostile, tmp_path):
     page = tmp_path / 'r.html'
@@ -166,14 +184,7 @@ def test_evaluate_prints_names_as_names(hostile, tmp_path):
 
 
 @pytest.mark.long
-def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
-    reported, _ = ran('replay', hostile, '--observer', 'pll', '--out', tmp_path / 'out\x1b\nfake')
-    assert r'  evil\x1b[2J' in reported
-    ran('replay', hostile, '--observer', 'pll', '--joint', 'nobody\x1b[2J\nfake', code=1)
-    ran('replay', f'{hostile}/nowhere\x1b\nfake', '--observer', 'pll', code=1)
-    ran('replay', hostile, '--observer', 'pll', '--measurement', '/a\x1b\nfake', code=1)
-    ran('identify', hostile, code=2)
-    ran('identify', hostile, '--joint', EVIL, code=1)
+def test_tune_writes_names_that_replay_reads(hostile, tmp_path):
     words = ['--out', tmp_path / 'g.yaml', '--trials', '8', '--per-joint']
     reported, _ = ran('tune', hostile, '--observer', 'pll', *words)
     assert r'evil\x1b[2J' in reported
@@ -181,25 +192,6 @@ def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
     values = holds_only(text, ['/**'])['/**']['ros__parameters']
     assert set(values) == {'observer', f'per_joint.{EVIL}', 'per_joint.b'}
     ran('replay', hostile, '--params', tmp_path / 'g.yaml')
-
-
-@pytest.mark.long
-def test_what_a_user_names_is_printed_as_a_name(tmp_path):
-    params = tmp_path / 'p.yaml'
-    params.write_text('/**: {ros__parameters: {"evil\\e[2J\\nfake": 1, joints: ["\\e[2J"]}}')
-    ran('simulate', 'encoder', '--out', tmp_path / 'b', '--params', params, code=2)
-    ran('simulate', 'encoder\x1b[2J\nfake', '--out', tmp_path / 'b', code=2)
-    ran('simulate', 'encoder', '--out', tmp_path / 'b', '--set', 'a\x1b\nfake=1', code=2)
-    ran('com\x1b\nfake', code=2)
-    ran('list', 'com\x1b\nfake', code=2)
-    ran('simulate', 'encoder', '--out', tmp_path / 'b\x1b[2J\nfake', '--duration', '0.01')
-    done = subprocess.run(
-        [sys.executable, '-m', 'estimator_pkg.cli', 'replay', b'/no/\xff\x1b'],
-        capture_output=True,
-        timeout=100,
-    )
-    assert done.returncode in (1, 2) and b'Traceback' not in done.stderr
-    assert done.stderr.decode().strip().isprintable()
 
 
 def test_a_progress_bar_takes_any_name():

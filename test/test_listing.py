@@ -42,36 +42,9 @@ def test_a_kind_is_listed_alone(capsys, tmp_path):
     assert list(json.loads(out.read_text())) == ['observers']
 
 
-def test_a_description_fits_80_columns(capsys):
-    for name in registry.names(registry.OBSERVERS):
-        assert max(map(len, listed(capsys, name).splitlines())) <= 80, name
-
-
-def test_a_parameter_shows_default_unit_range_and_meaning(capsys):
-    out = listed(capsys, 'finite_difference')
-    assert '  bandwidth_hz = 50 Hz, [0.001, 1e+06]\n      -3 dB frequency' in out
-    assert 'pll' not in out
-
-
 def test_structural_parameters_are_marked_where_others_are_live(capsys):
     assert 'wrapping (at start only)' in listed(capsys, 'joint').replace('\n      ', ' ')
     assert 'at start only' not in listed(capsys, 'encoder')  # a simulation never changes
-
-
-def test_an_unknown_name_suggests_the_nearest(capsys):
-    assert main(['list', 'hybrid_angel']) == 2
-    assert "did you mean 'hybrid_angle'?" in capsys.readouterr().err
-
-
-def test_json_carries_everything(tmp_path, capsys):
-    out = tmp_path / 'list.json'
-    listed(capsys, '--json', str(out))
-    found = json.loads(out.read_text())
-    gains = found['observers']['finite_difference']['parameters']
-    assert gains['bandwidth_hz']['default'] == 50.0
-    assert gains['bandwidth_hz']['unit'] == 'Hz'
-    assert gains['bandwidth_hz']['live'] is True
-    assert found['settings of each joint']['joint']['parameters']['unwrap']['live'] is False
 
 
 def test_automatic_and_required_parameters_are_distinguished(capsys, tmp_path):
@@ -154,11 +127,6 @@ def test_gains_that_cannot_be_explained_are_refused_in_one_line(words, message, 
     assert message in error and error.count('\n') == 1
 
 
-def rows(text):
-    """The names in the first column of the tables of a page."""
-    return re.findall(r'(?m)^[|] `(\w+)` [|]', text)
-
-
 def test_the_pages_of_parameters_are_as_the_code_declares():
     found = {path.name: path.read_text('utf-8') for path in pages.FOLDER.iterdir()}
     assert found == pages.pages(), 'python -m docs.tools.parameters'
@@ -179,16 +147,3 @@ def test_every_declared_parameter_is_described_on_a_page():
             assert parameter.kind in listing.TYPE_NAMES, where
             if parameter.default is not None:
                 assert parameter.check(parameter.default) == parameter.default, where
-
-
-def test_a_page_begins_with_what_users_set_first():
-    made = pages.pages()
-    usual = f'Observer {AngleStream.SETTINGS().observer}'
-    heads = re.findall('(?m)^## (.*)$', made['joint_observer.md'])
-    assert heads[:3] == ['Node', usual, 'Each joint'] and heads.count(usual) == 1
-    assert {f'{node}.md' for node in pages.SET_FIRST} < set(made)
-    for node, about in pages.SET_FIRST.items():
-        set_first = re.findall(r'`([\w.]+)[:`]', ' '.join(about.values()))
-        names = {name.rpartition('.')[2] for name in set_first}
-        assert names <= set(rows(made[f'{node}.md'])), node
-        assert made[f'{node}.md'].index(next(iter(about))) < made[f'{node}.md'].index('\n## ')

@@ -169,19 +169,6 @@ def test_an_observer_of_a_file_and_a_line_is_compiled_and_exported(installed, tm
     assert re.search(r'(\d+) samples: \1 equal to the last bit', said)
 
 
-@pytest.mark.long
-def test_what_is_not_translated_ends_the_build_with_its_line(source, tmp_path):
-    text = OBSERVER.replace('/ dt', '/ sum([dt])')
-    copy = with_observer(source, tmp_path / 'source', text)
-    command = [sys.executable, 'setup.py', '-q', 'build_ext', '--build-lib', str(tmp_path)]
-    done = subprocess.run(command, cwd=copy, capture_output=True, text=True)
-    lines = textwrap.dedent(text).splitlines()
-    number = next(k for k, line in enumerate(lines) if line.endswith('/ sum([dt])'))
-    place = f'estimator_pkg/observers/angle/mine.py:{number + 1}'
-    assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].startswith(f'error: the engine cannot be built: {place}: ')
-
-
 @pytest.fixture(scope='module')
 def built(source, tmp_path_factory):
     """The folder of the wheel and the sdist that `python -m build` makes."""
@@ -303,13 +290,6 @@ def test_every_package_folder_is_installed():
     installed = Path(estimator_pkg.__file__).parents[1]
     assert len(folders) > 20
     assert all((installed / folder / '__init__.py').is_file() for folder in folders)
-
-
-@pytest.mark.skipif(shutil.which('make') is None, reason='not run: make is not installed')
-@pytest.mark.parametrize('target, extras', [('demo', 'ros,report'), ('test', 'all')])
-def test_make_installs_what_its_target_needs(target, extras):
-    planned = run('make', '--dry-run', '--always-make', target, cwd=ROOT)
-    assert set(re.findall(r"pip install .*'\.\[(.*)\]'", planned)) == {extras}
 
 
 def imported():

@@ -35,17 +35,6 @@ class Sample:
     names: tuple = parameter((), unit='', description='texts')
 
 
-def test_declaration_is_all_there_is():
-    known = declared(Sample)
-    assert list(known) == ['rate', 'count', 'on', 'form', 'scale', 'names']
-    assert [known[name].kind for name in known] == [float, int, bool, str, float, tuple]
-    rate = known['rate']
-    assert (rate.default, rate.unit, rate.minimum, rate.maximum) == (10.0, 'Hz', 0.1, 100.0)
-    assert rate.search == (1.0, 50.0) and not rate.structural
-    assert known['form'].structural and known['scale'].default is None
-    assert build(Sample, {}) == Sample()
-
-
 @pytest.mark.parametrize(
     'name, given_value, value',
     [
@@ -205,31 +194,6 @@ def test_what_a_file_says_comes_back_whatever_the_parameter(data):
         assert written == value or list(written) == list(value) or one.is_automatic(written)
 
 
-@given(
-    st.one_of(
-        st.floats(),
-        st.integers(),
-        st.text(max_size=3),
-        st.none(),
-        st.booleans(),
-        st.lists(st.integers(), max_size=2),
-    )
-)
-def test_whatever_comes_is_taken_as_declared_or_refused(value):
-    for known in declared(Sample).values():
-        try:
-            checked = known.check(value)
-        except UsageError:
-            continue
-        if checked is None:
-            assert known.default is None
-            continue
-        assert type(checked) is known.kind
-        if known.kind in (float, int):
-            assert known.minimum <= checked <= known.maximum
-        assert known.check(checked) == checked
-
-
 def test_an_unknown_name_suggests_the_nearest_or_lists_all():
     with pytest.raises(UsageError, match=r"^unknown parameter 'rte' of my: did you mean 'rate'\?$"):
         build(Sample, {'rte': 1.0}, owner='my')
@@ -269,15 +233,3 @@ def test_the_name_of_a_joint_may_have_any_character(joint):
     name = f'per_joint.{joint}.rate'
     assert parse_assignments([f'{name}=2', 'form=a=b']) == {name: 2, 'form': 'a=b'}
     assert params_file.override(name) == (joint, 'rate')
-
-
-def test_admitted_values_are_said_for_people():
-    texts = {name: known.range_text() for name, known in declared(Sample).items()}
-    assert texts == {
-        'rate': '[0.1, 100]',
-        'count': '[1, 9]',
-        'on': 'true | false',
-        'form': 'one | two | package.module:name',
-        'scale': '[1e-06, 1]; 0.0: automatic',
-        'names': "a list of texts; ['']: none",
-    }

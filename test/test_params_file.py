@@ -5,7 +5,6 @@
 
 import pytest
 
-from estimator_pkg import params_file
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.params_file import load, split
 
@@ -60,12 +59,6 @@ def test_a_list_of_joints_is_no_override():
         {'joints': ['a', 'b']},
         {'a': {'order': 2}},
     )
-
-
-def test_the_parameter_of_a_name():
-    assert params_file.parameter_of('per_joint.a.b.noise') == 'noise'
-    for name in ('noise', 'per_joint.noise', 'qos_overrides./a.depth'):
-        assert params_file.parameter_of(name) == name
 
 
 def test_no_name_is_that_of_a_value_and_of_a_group():

@@ -6,24 +6,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any, Protocol
 
 import numpy as np
 
-from estimator_pkg.models.mechanics import Array, Mechanics
+from estimator_pkg.models.mechanics import Array
 
 
-def move(
-    mechanics: Mechanics, q: Array, v: Array, u: Array, dt: Array | float, parts: int
-) -> tuple[Array, Array]:
+class Plant(Protocol):
+    """What is integrated: a model of ours, or a simulated joint."""
+
+    def acceleration(self, q: Any, v: Any, u: Any) -> Any:
+        """Return q'' of the shape of q."""
+
+
+def move(plant: Plant, q: Any, v: Any, u: Any, dt: Array | float, parts: int) -> tuple[Any, Any]:
     """Return positions and velocities after dt [s] with constant inputs u, in `parts` RK4 steps.
 
     Parameters
     ----------
-    q, v, u : shape (..., n) and (..., m): any number of motions of a model of ours.
+    q, v, u : numbers, or shape (..., n) and (..., m): any number of motions of a model of ours.
     dt : a number, or of shape (..., 1).
     """
-    h = np.asarray(dt) / parts
-    a = mechanics.acceleration
+    h = dt / parts
+    a = plant.acceleration
     for _ in range(parts):
         a1 = a(q, v, u)
         v2 = v + 0.5 * h * a1
@@ -38,7 +44,7 @@ def move(
 
 
 def course(
-    mechanics: Mechanics, q: Array, v: Array, inputs: Array, steps: Array, parts: Iterable[int]
+    plant: Plant, q: Array, v: Array, inputs: Array, steps: Array, parts: Iterable[int]
 ) -> tuple[Array, Array]:
     """Return positions and velocities, shape (N + 1, ..., n): at the start and after each step.
 
@@ -49,7 +55,7 @@ def course(
     """
     positions, velocities = [q], [v]
     for u, dt, count in zip(inputs, steps, parts):
-        q, v = move(mechanics, q, v, u, dt, count)
+        q, v = move(plant, q, v, u, dt, count)
         positions.append(q)
         velocities.append(v)
     return np.array(positions), np.array(velocities)

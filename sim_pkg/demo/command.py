@@ -54,22 +54,12 @@ MOTION = {
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument(
-        '--duration',
-        type=float,
-        default=10.0,
-        metavar='S',
-        help='duration of the run [s] (default: 10)',
-    )
-    parser.add_argument(
-        '--out',
-        default='demo_output',
-        metavar='DIR',
-        help='folder for the bag and the plot (default: demo_output)',
-    )
-    parser.add_argument(
-        '--observer', default=DEFAULT, metavar='NAME', help=f'observer to run (default: {DEFAULT})'
-    )
+    add = parser.add_argument
+    add('--duration', type=float, default=10.0, metavar='S', help='of the run [s] (default: 10)')
+    out = 'folder for the bag and the plot (default: demo_output)'
+    add('--out', default='demo_output', metavar='DIR', help=out)
+    run = f'observer to run (default: {DEFAULT})'
+    add('--observer', default=DEFAULT, metavar='NAME', help=run)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -98,17 +88,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     print(f'\n{count} estimates in {parsed.duration:g} s. The error, from the recorded bag:\n')
     with TemporaryDirectory(prefix='velocity_estimator_') as scratch:
         found = Path(scratch) / 'result.json'
-        code = velocity_estimator(
-            [
-                'evaluate',
-                str(bag),
-                *('--estimate', ESTIMATE),
-                *('--observer', DIFFERENCE),
-                *('--from', '1'),
-                *('--plot', str(plot)),
-                *('--json', str(found)),
-            ]
-        )
+        words = ['evaluate', bag, '--estimate', ESTIMATE, '--observer', DIFFERENCE, '--from', '1']
+        code = velocity_estimator([*map(str, [*words, '--plot', plot, '--json', found])])
         said = verdict(json.loads(found.read_text()), parsed.observer) if code == 0 else ''
     show('', f'bag   {bag}')
     if said:
@@ -206,10 +187,11 @@ def _show(parsed: argparse.Namespace, children: list[Child]) -> int:
     from estimator_pkg.bags.live import live
     from estimator_pkg.nodes.watching import Watching
     from estimator_pkg.watch import FRAME, Screen
-    from sim_pkg.demo.live import Listener, line, picture
+    from sim_pkg.demo.live import Listener, picture
 
     with live('demo') as here, Screen() as screen:
-        listener, watching = Listener(here.node), Watching(here.node, OBSERVER)
+        listener = Listener(here.node, (MEASURED, TRUTH, ESTIMATE))
+        watching = Watching(here.node, OBSERVER)
         show(f'encoder_sim: {COUNTS} counts at {RATE} Hz  ->  joint_observer: {parsed.observer}')
         begun = frame = time.monotonic()
         started = math.inf
@@ -226,13 +208,13 @@ def _show(parsed: argparse.Namespace, children: list[Child]) -> int:
             moment = listener.moment()
             if moment is not None:
                 started = min(started, now)
-                screen.show(picture(moment, watching.joints), line(moment, watching.joints))
+                screen.show(picture(moment, watching, now - started))
             elif now > begun + PATIENCE:
                 raise UserError(
                     f'no estimate within {PATIENCE:g} s; last line of the observer: '
                     f'{children[0].last_line()}'
                 )
-        return listener.count
+        return watching.count
 
 
 COMMAND = Command(

@@ -83,11 +83,11 @@ class Motor(Plant):
         p = self._p
         return p.torque_constant * u + p.load - p.damping * w - p.stiffness * q
 
-    def acceleration(self, q: float, w: float, u: float) -> float:
+    def acceleration(self, q: float, v: float, u: float) -> float:
         """Return q'' [rad/s^2]."""
-        torque, friction = self._torque(q, w, u), self._p.coulomb
-        if w != 0.0:
-            torque -= math.copysign(friction, w)
+        torque, friction = self._torque(q, v, u), self._p.coulomb
+        if v != 0.0:
+            torque -= math.copysign(friction, v)
         elif abs(torque) <= friction:
             torque = 0.0
         else:

@@ -12,12 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.models.motion import move
 from estimator_pkg.parameters import structural
 from sim_pkg.chunks import MEASURED, TRUTH, JointStates, in_order, sizes, told
 from sim_pkg.contract import Message, Topic, check_rate
@@ -69,7 +69,7 @@ class Plant:
         """Return the input that the drive applies from t [s] on."""
         raise NotImplementedError
 
-    def acceleration(self, q: float, w: float, u: float) -> float:
+    def acceleration(self, q: float, v: float, u: float) -> float:
         """Return q'' [rad/s^2]."""
         raise NotImplementedError
 
@@ -85,28 +85,16 @@ class Plant:
         """Start the mode that the event at t [s] switches to."""
 
 
-class _Motion(NamedTuple):
-    q: float
-    w: float
-
-
 def advance(
-    plant: Plant, motion: _Motion, duration: float, u: float, longest: float = SUBSTEP
-) -> _Motion:
-    """Runge-Kutta 4 over `duration` [s] at constant input, in steps of up to `longest` [s]."""
+    plant: Plant, q: float, w: float, duration: float, u: float, longest: float = SUBSTEP
+) -> tuple[float, float]:
+    """Return (q, w) after `duration` [s] at constant input, in steps of up to `longest` [s]."""
     count = max(1, math.ceil(duration / longest - 1e-9))
-    h, (q, w) = duration / count, motion
     for _ in range(count):
-        k1 = plant.acceleration(q, w, u)
-        w2 = w + 0.5 * h * k1
-        k2 = plant.acceleration(q + 0.5 * h * w, w2, u)
-        w3 = w + 0.5 * h * k2
-        k3 = plant.acceleration(q + 0.5 * h * w2, w3, u)
-        w4 = w + h * k3
-        k4 = plant.acceleration(q + h * w3, w4, u)
-        before, q = w, q + h / 6.0 * (w + 2.0 * (w2 + w3) + w4)
-        w = plant.stick(q, before, w + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), u)
-    return _Motion(q, w)
+        before = w
+        q, w = move(plant, q, w, u, duration / count, 1)
+        w = plant.stick(q, before, w, u)
+    return q, w
 
 
 def stream(
@@ -121,7 +109,7 @@ def _chunks(
 ) -> Iterator[tuple[list[Message], int]]:
     sensor, line = AngleSensor(parameters, seed), Line(parameters, seed)
     measured, true = (JointStates(each, (parameters.joint,)) for each in (MEASURED, TRUTH))
-    motion, last, u = _Motion(parameters.start, 0.0), 0.0, 0.0
+    q, w, last, u = parameters.start, 0.0, 0.0, 0.0
     longest = min(SUBSTEP, PART / max(parameters.fastest, 1e-9))
     for count in counts:
         samples = line.carry(count)
@@ -133,16 +121,17 @@ def _chunks(
             if event is not None:
                 at, mode = event
                 if at > last:
-                    motion, last = advance(plant, motion, at - last, u, longest), at
+                    q, w = advance(plant, q, w, at - last, u, longest)
+                    last = at
                 plant.begin(at)
                 at_ns = round(at * SECOND)
                 messages.append(JointStates(EVENTS, (mode,)).message(at_ns, at_ns, ()))
             if taken > last:
-                motion = advance(plant, motion, taken - last, u, longest)
+                q, w = advance(plant, q, w, taken - last, u, longest)
             ahead = (stamp_ns - taken_ns) / SECOND  # not 0 if stamps are wrong
-            angles.append(motion.q)
+            angles.append(q)
             efforts.append((u,))
-            motions.append(((motion.q + ahead * motion.w,), (motion.w,)))
+            motions.append(((q + ahead * w,), (w,)))
             last, u = taken, plant.input(taken)
         readings = sensor.read(np.array(angles))[:, None].tolist()
         messages += told(measured, true, samples, readings, efforts, motions)

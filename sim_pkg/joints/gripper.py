@@ -74,9 +74,9 @@ class Gripper(Plant):
         """Return the torque applied from t [s] on [N m]."""
         return gripper.torque(t)[0]
 
-    def acceleration(self, q: float, w: float, u: float) -> float:
+    def acceleration(self, q: float, v: float, u: float) -> float:
         """Return q'' [rad/s^2]."""
-        return gripper.dynamics((q, w), self._now, (u,))[1]
+        return gripper.dynamics((q, v), self._now, (u,))[1]
 
     def begin(self, t: float) -> None:
         """Switch to the discrete state Z from t [s] on."""

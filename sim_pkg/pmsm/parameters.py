@@ -32,12 +32,6 @@ class PmsmParameters:
     inertia: float = structural(
         2.5e-5, unit='kg m^2', range=(1e-9, 1e3), description='inertia of rotor and load'
     )
-    rated_current: float = structural(
-        10.0,
-        unit='A',
-        range=(1e-3, 1e4),
-        description='amplitude of the phase current at rated torque',
-    )
     current_max: float = structural(
         30.0, unit='A', range=(1e-3, 1e4), description='current limit of the controller (amplitude)'
     )
@@ -152,11 +146,6 @@ class PmsmParameters:
         brake = (self.viscous + 2.0 * self.load_quadratic * top) / self.inertia
         pull = 1.5 * self.pole_pairs**2 * self.flux * self.current_max / self.inertia
         return brake + math.sqrt(pull)
-
-    @property
-    def rated_torque(self) -> float:
-        """Torque at rated current [N m]."""
-        return 1.5 * self.pole_pairs * self.flux * self.rated_current
 
     def plant(self) -> Plant:
         """Return the true motor."""

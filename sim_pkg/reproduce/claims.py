@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 import re
 import textwrap
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from sim_pkg.reproduce.contract import AT_MOST, MISPRINT, OPEN, SPECIFIED, Reproduction, Row, Table
+from sim_pkg.reproduce.contract import AT_MOST, MISPRINT, OPEN, SPECIFIED, Reference, Reproduction
 
 NEAR = 0.1  # relative difference from a printed number that counts as agreement
 SIMILAR = 0.1  # relative spread of values that are called similar
@@ -22,91 +23,74 @@ CORRECTED = re.compile(r'[\d.]+ \(for ([\d.]+)\)')
 UNEXPLAINED = 'not explained'
 WIDTH = 80
 NAMED = 6  # ids that are listed with a reason
-LEGEND = 'ours, and in brackets what the paper prints; * does not agree with it'
 TITLES = {
     SPECIFIED: 'the paper specifies everything',
     OPEN: 'the paper leaves gains, start, input or machine open, and ours are assumed',
     MISPRINT: 'misprints and ambiguities of the paper',
 }
+Group = Sequence[tuple[str, float]]  # what the paper says of some rows, and our values
 
 
 class Claim(NamedTuple):
-    """A row: whether it agrees with what the paper prints, and why not ('' if it does)."""
+    """A row: our value, whether it agrees with what the paper prints, and why not ('': it does)."""
 
-    row: Row
+    reference: Reference
+    value: float
     agrees: bool
     why: str
 
     @property
     def fails(self) -> bool:
         """True if the value left its tolerance, or disagrees without a known reason."""
-        return not self.row.ok or self.why == UNEXPLAINED
+        return not self.reference.met(self.value) or self.why == UNEXPLAINED
 
-    @property
-    def printed(self) -> str:
-        """What the paper prints, as text."""
-        paper = self.row.reference.paper
-        return paper if isinstance(paper, str) else number(paper)
-
-    @property
-    def verdict(self) -> str:
-        """The last word of its line."""
-        return 'FAILS' if self.fails else 'agrees' if self.agrees else 'no'
+    def as_dict(self) -> dict[str, Any]:
+        """Return the row for ``--json``; 'tolerance' is in the unit of the value."""
+        own = self.reference._asdict()
+        own['reference'], own['tolerance'] = own['value'], self.reference.allowed
+        own |= {'value': self.value, 'ok': self.reference.met(self.value)}
+        return {**own, 'agrees': self.agrees, 'why': self.why}
 
 
-def number(value: float) -> str:
-    """Return a number as text for the tables: at most five digits."""
-    if not math.isfinite(value):
-        return str(value)
-    if value == int(value) and abs(value) < 1e6:
-        return f'{int(value)}'
-    return f'{value:.5g}' if abs(value) >= 1e-4 else f'{value:.2e}'
-
-
-def claims(rows: Sequence[Row], reasons: Sequence[tuple[str, str]]) -> list[Claim]:
+def claims(
+    rows: Sequence[tuple[Reference, float]], reasons: Sequence[tuple[str, str]]
+) -> list[Claim]:
     """Return the claims of all rows, in order.
 
     Parameters
     ----------
     reasons : (regular expression of ids, why they do not agree); the first that matches is used.
     """
+    groups: dict[str, list[tuple[str, float]]] = defaultdict(list)  # ids but for the last word
+    for reference, value in rows:
+        groups[reference.id.rpartition(' ')[0]].append((str(reference.paper), value))
     found = []
-    for row in rows:
-        good = agrees(row, rows)
-        why = next((why for ids, why in reasons if re.match(ids, row.reference.id)), UNEXPLAINED)
-        found.append(Claim(row, good, '' if good else why))
+    for reference, value in rows:
+        good = agrees(reference, value, groups[reference.id.rpartition(' ')[0]])
+        why = next((why for ids, why in reasons if re.match(ids, reference.id)), UNEXPLAINED)
+        found.append(Claim(reference, value, good, '' if good else why))
     return found
 
 
-def agrees(row: Row, rows: Sequence[Row]) -> bool:
-    """Return True if the value is what the paper prints; `rows` has the others of its group.
+def agrees(reference: Reference, value: float, group: Group) -> bool:
+    """Return True if the value is what the paper prints; `group` has it and its neighbours.
 
     A number agrees within half a unit of its last printed digit, within the scatter that the
     tolerance of the row allows, or within 10 %.
     """
-    value, paper = row.value, row.reference.paper
+    paper = reference.paper
     if not math.isfinite(value):
         return False
     if isinstance(paper, str) and (found := CORRECTED.fullmatch(paper)):
         paper = float(found[1])
     if isinstance(paper, str):
-        return WORDS[paper](value, _beside(row, rows))
+        return WORDS[paper](value, group)
     digit = Decimal(repr(paper)).normalize().as_tuple().exponent
-    half = 0.5 * 10.0 ** int(digit) if paper else row.reference.value
-    return abs(value - paper) <= max(half, row.reference.allowed, NEAR * abs(paper))
+    half = 0.5 * 10.0 ** int(digit) if paper else reference.value
+    return abs(value - paper) <= max(half, reference.allowed, NEAR * abs(paper))
 
 
-def _beside(row: Row, rows: Sequence[Row]) -> list[tuple[str, float]]:
-    """Return (what the paper says, value) of the rows whose ids differ in the last word only."""
-    stem = row.reference.id.rpartition(' ')[0]
-    return [
-        (str(each.reference.paper), each.value)
-        for each in rows
-        if each.reference.id.rpartition(' ')[0] == stem
-    ]
-
-
-def _similar(value: float, group: Sequence[tuple[str, float]]) -> bool:
+def _similar(value: float, group: Group) -> bool:
     """Return True if all of them are alike, or, of differences, all are small [rad/s]."""
     values = [each for said, each in group if said == 'similar']
     if min(values) == 0.0:
@@ -114,19 +98,19 @@ def _similar(value: float, group: Sequence[tuple[str, float]]) -> bool:
     return max(values) - min(values) <= SIMILAR * max(values)
 
 
-def _extreme(sign: float, same: str) -> Callable[[float, Sequence[tuple[str, float]]], bool]:
+def _extreme(sign: float, same: str) -> Callable[[float, Group], bool]:
     """Return a rule: the value is the largest (sign 1) or smallest (-1), but for its equals."""
     return lambda value, group: all(
         sign * (value - each) >= 0.0 for said, each in group if not said.startswith(same)
     )
 
 
-def _faster_than(words: str) -> Callable[[float, Sequence[tuple[str, float]]], bool]:
+def _faster_than(words: str) -> Callable[[float, Group], bool]:
     """Return a rule: not later than that of which the paper says `words` by more than SLACK."""
     return lambda value, group: value <= dict(group).get(words, math.inf) + SLACK
 
 
-WORDS: Mapping[str, Callable[[float, Sequence[tuple[str, float]]], bool]] = {
+WORDS: Mapping[str, Callable[[float, Group], bool]] = {
     'similar': _similar,
     'worst': _extreme(1.0, 'worst'),
     'best': _extreme(-1.0, 'best'),
@@ -152,36 +136,39 @@ WORDS: Mapping[str, Callable[[float, Sequence[tuple[str, float]]], bool]] = {
 
 
 def text(reproduction: Reproduction, found: Sequence[Claim]) -> list[str]:
-    """Return all rows as lines of 80 columns: tables, the other rows, the differences, counts."""
-    by_id = {claim.row.reference.id: claim for claim in found}
+    """Return all rows as lines of 80 columns, part by part; then the differences and the counts."""
     lines: list[str] = []
-    shown: set[str] = set()
-    for table in reproduction.tables:
-        ids = [name for names in table.body.values() for name in names]
-        if by_id.keys() >= set(ids):
-            shown.update(ids)
-            lines += ['', *_table(table, by_id)]
-    if shown:
-        lines = ['', LEGEND, *lines]
-    rest = [claim for claim in found if claim.row.reference.id not in shown]
-    if rest:
-        lines += ['', f'  {"row":<43} {"ours":>10}  {"the paper":<16} verdict']
-    for claim in rest:
-        name, ours = claim.row.reference.id, number(claim.row.value)
-        lines.append(f'  {name:<43} {ours:>10}  {claim.printed:<16} {claim.verdict}')
+    for part, (title, _) in reproduction.parts.items():
+        own = [claim for claim in found if claim.reference.id.startswith(part)]
+        lines += ['', *_wrapped(f'{part}: {title}')] if own else []
+        lines += [f'  {"row":<42} {"ours":>10}  {"the paper":<16} verdict'] if own else []
+        for claim in own:
+            paper = claim.reference.paper
+            printed = paper if isinstance(paper, str) else number(paper)
+            verdict = 'FAILS' if claim.fails else 'agrees' if claim.agrees else 'no'
+            row = f'  {claim.reference.id:<42} {number(claim.value):>10}  {printed:<16} {verdict}'
+            lines.append(row)
     lines += ['', *_differences(found), *_failures(found)]
     for basis, title in TITLES.items():
-        some = [claim for claim in found if claim.row.reference.basis == basis]
-        if some:
-            lines += _wrapped(_count(title, some), '')
+        some = [claim for claim in found if claim.reference.basis == basis]
+        lines += _wrapped(_count(title, some)) if some else []
     return lines
 
 
+def number(value: float) -> str:
+    """Return a number as text: at most five digits."""
+    if not math.isfinite(value):
+        return str(value)
+    if value == int(value) and abs(value) < 1e6:
+        return f'{int(value)}'
+    return f'{value:.5g}' if abs(value) >= 1e-4 else f'{value:.2e}'
+
+
 def _differences(found: Sequence[Claim]) -> list[str]:
-    differing: dict[str, list[str]] = {}
+    differing: dict[str, list[str]] = defaultdict(list)
     for claim in found:
         if not claim.agrees:
-            differing.setdefault(claim.why, []).append(claim.row.reference.id)
+            differing[claim.why].append(claim.reference.id)
     lines = ['does not agree, and why'] if differing else []
     for why, ids in differing.items():
         more = f' and {len(ids) - NAMED} more' if len(ids) > NAMED else ''
@@ -192,54 +179,25 @@ def _differences(found: Sequence[Claim]) -> list[str]:
 
 def _failures(found: Sequence[Claim]) -> list[str]:
     lines = []
-    for row in (claim.row for claim in found if claim.fails):
-        reference = row.reference
-        bound = number(reference.value)
+    for reference, value in ((claim.reference, claim.value) for claim in found if claim.fails):
+        bound = f'{number(reference.value)} +- {number(reference.allowed)}'
         if reference.kind == AT_MOST:
-            bound = f'{AT_MOST} {bound}'
-        else:
-            bound += f' +- {number(reference.allowed)}'
-        words = f'failed: {reference.id} ({reference.what}) is {number(row.value)}, not {bound}'
-        lines += _wrapped(words, '')
+            bound = f'{AT_MOST} {number(reference.value)}'
+        words = f'failed: {reference.id} ({reference.what}) is {number(value)}, not {bound}'
+        lines += _wrapped(words)
     return lines
 
 
 def _count(title: str, found: Sequence[Claim]) -> str:
     said = []
     for words, what in ((False, 'printed numbers'), (True, 'claims in words')):
-        some = [each for each in found if isinstance(each.row.reference.paper, str) == words]
+        some = [each for each in found if isinstance(each.reference.paper, str) == words]
         if some:
             said.append(f'{sum(claim.agrees for claim in some)} of {len(some)} {what} agree')
     return f'{title[0].upper()}{title[1:]}: {"; ".join(said)}.'
 
 
-def _table(table: Table, by_id: Mapping[str, Claim]) -> list[str]:
-    def entry(name: str) -> str:
-        claim = by_id[name]
-        mark = '' if claim.agrees else ' *'
-        return f'{claim.row.value:.4g} ({claim.printed}){mark}'
-
-    body = {name: [entry(each) for each in ids] for name, ids in table.body.items()}
-    return layout(table.title, list(table.columns), body)
-
-
-def layout(title: str, columns: list[str], body: Mapping[str, list[str]]) -> list[str]:
-    """Return a table as lines; one of more than 80 columns in two halves."""
-    cells = [['', *columns], *([name, *entries] for name, entries in body.items())]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
-    if sum(widths) + 2 * len(widths) > WIDTH:
-        half = (len(columns) + 1) // 2
-        return [
-            *layout(title, columns[:half], {name: each[:half] for name, each in body.items()}),
-            *layout('', columns[half:], {name: each[half:] for name, each in body.items()}),
-        ]
-    return [title] * bool(title) + [
-        '  ' + '  '.join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip()
-        for row in cells
-    ]
-
-
-def _wrapped(words: str, indent: str) -> list[str]:
+def _wrapped(words: str, indent: str = '') -> list[str]:
     return textwrap.wrap(
         words, WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False
     )

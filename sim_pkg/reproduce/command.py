@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ PAPERS = {
 }
 claims = Lazy('sim_pkg.reproduce.claims')
 WIDTH = 80
+DPI = 100  # resolution of the figures
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,26 +45,28 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         _require_matplotlib()
         parsed.plot.mkdir(parents=True, exist_ok=True)
     with progress(reproduction.name, len(reproduction.references(parsed.only))) as advance:
-        rows = reproduction.rows(advance, parsed.only)
+        rows = reproduction.values(advance, parsed.only)
     found = claims.claims(rows, reproduction.reasons)
-    print('\n'.join(_wrapped(reproduction.summary)))
-    print('\n'.join(claims.text(reproduction, found)))
+    show(*textwrap.wrap(reproduction.summary, WIDTH), *claims.text(reproduction, found))
     for note in reproduction.notes:
-        print('\n'.join(_wrapped(note)))
+        show(*textwrap.wrap(note, WIDTH, break_on_hyphens=False))
     if parsed.plot is not None:
-        for path in reproduction.draw(parsed.plot):
-            show(path)
+        show(*draw(reproduction.name, parsed.plot))
     return {
         'paper': reproduction.name,
         'ok': not any(claim.fails for claim in found),
-        'rows': [
-            {**claim.row.as_dict(), 'agrees': claim.agrees, 'why': claim.why} for claim in found
-        ],
+        'rows': [claim.as_dict() for claim in found],
     }
 
 
-def _wrapped(line: str) -> list[str]:
-    return textwrap.wrap(line, WIDTH, break_on_hyphens=False)
+def draw(paper: str, folder: Path) -> list[Path]:
+    """Draw a paper's figures as PNG files into `folder`; return their paths. Needs matplotlib."""
+    paths = []
+    module = importlib.import_module(f'sim_pkg.reproduce.{paper}.figures')
+    for name, make in module.FIGURES.items():
+        paths.append(folder / f'{name}.png')
+        make().savefig(paths[-1], dpi=DPI, pil_kwargs={'optimize': True})
+    return paths
 
 
 def _require_matplotlib() -> None:

@@ -1,23 +1,21 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The interface of a reproduction of a paper: rows that can fail, tables and figures.
+"""The interface of a reproduction of a paper: rows that can fail, and the paper's figures.
 
-A row is a figure, a table or a claim of the paper. Its reference is data: ``references.csv`` beside
-the code that computes the values of a paper. `Reproduction.rows` raises KeyError if a value has no
+A row is a number or a claim of the paper. Its reference is data: ``references.csv`` beside the code
+that computes the values of a paper. `Reproduction.values` raises KeyError if a value has no
 reference or a reference no value, so no row is lost.
 """
 
 from __future__ import annotations
 
 import csv
-import importlib
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +30,6 @@ AT_MOST = 'at most'  # value <= reference
 SPECIFIED = 'specified'  # the paper gives everything that the row needs
 OPEN = 'open'  # gains, start, input or machine are not published: ours are assumed
 MISPRINT = 'misprint'  # explains a misprint or an ambiguity
-DPI = 100  # resolution of the figures
 
 Values = Iterator[tuple[str, Any]]  # (id, a number of Python's or numpy's)
 
@@ -66,73 +63,34 @@ class Reference(NamedTuple):
             return 0.01 * self.tolerance * abs(self.value)
         return self.tolerance if self.kind == ABSOLUTE else 0.0
 
-
-class Row(NamedTuple):
-    """A reference and our value."""
-
-    reference: Reference
-    value: float
-
-    @property
-    def ok(self) -> bool:
-        """True if our value is within the tolerance; False for NaN or infinity."""
-        reference = self.reference
-        if not math.isfinite(self.value):
-            return False
-        if reference.kind == AT_MOST:
-            return self.value <= reference.value
-        return abs(self.value - reference.value) <= reference.allowed
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the row for ``--json``; 'tolerance' is in the unit of the value."""
-        own = self.reference._asdict()
-        own['reference'], own['tolerance'] = own['value'], self.reference.allowed
-        return {**own, 'value': self.value, 'ok': self.ok}
-
-
-class Table(NamedTuple):
-    """A table in the paper's layout: ids of rows, by the name of its line."""
-
-    title: str
-    columns: tuple[str, ...]
-    body: dict[str, list[str]]
+    def met(self, value: float) -> bool:
+        """Return True if a value is within the tolerance; False for NaN or infinity."""
+        if self.kind == AT_MOST:
+            return math.isfinite(value) and value <= self.value
+        return abs(value - self.value) <= self.allowed
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """The reproduction of a paper, as `sim_pkg.reproduce.command` names it.
+    """The reproduction of a paper; its module `figures` maps file names to () -> figure.
 
     Attributes
     ----------
     name : as users write it.
     summary : one line; the paper.
-    parts : name -> () -> (id, value) of each row whose id starts with the name, in any order.
-    notes : lines printed below the table.
-    tables : shown if all their rows were computed.
+    parts : name -> (title, () -> (id, value) of each row whose id starts with the name).
+    notes : lines printed below the rows.
     reasons : (regular expression of ids, why ours are not what the paper prints).
     """
 
     name: str
     summary: str
-    parts: Mapping[str, Callable[[], Values]]
+    parts: Mapping[str, tuple[str, Callable[[], Values]]]
     notes: tuple[str, ...] = ()
-    tables: tuple[Table, ...] = ()
     reasons: tuple[tuple[str, str], ...] = ()
 
-    def draw(self, folder: Path) -> list[Path]:
-        """Draw the figures as PNG files into `folder`; return their paths. Needs matplotlib.
-
-        The paper's module `figures` maps file names to functions () -> figure.
-        """
-        paths = []
-        module = importlib.import_module(f'{__package__}.{self.name}.figures')
-        for name, make in module.FIGURES.items():
-            paths.append(folder / f'{name}.png')
-            make().savefig(paths[-1], dpi=DPI, pil_kwargs={'optimize': True})
-        return paths
-
     def references(self, prefix: str = '') -> list[Reference]:
-        """Return the references whose id starts with `prefix`, in the order of the table.
+        """Return the references whose id starts with `prefix`, in the order of the file.
 
         Raises
         ------
@@ -145,9 +103,9 @@ class Reproduction:
             )
         return found
 
-    def rows(
+    def values(
         self, advance: Callable[[int], None] = lambda count: None, prefix: str = ''
-    ) -> list[Row]:
+    ) -> list[tuple[Reference, float]]:
         """Return the rows whose id starts with `prefix`; parts without such rows are not run.
 
         Parameters
@@ -158,18 +116,18 @@ class Reproduction:
         ------
         KeyError : a value without a reference, or a reference without a value.
         """
-        missing = {each.id: each for each in self.references(prefix)}
-        found: dict[str, Row] = {}
-        for part, values in self.parts.items():
-            if not any(name.startswith(part) for name in missing):
-                continue
-            for name, value in values():
-                if name.startswith(prefix):
-                    found[name] = Row(missing[name], float(value))
-                    advance(1)
-        if found.keys() != missing.keys():
-            raise KeyError(f'{self.name}: no value for {", ".join(missing.keys() - found.keys())}')
-        return [found[name] for name in missing]
+        known = {each.id: each for each in self.references(prefix)}
+        found: dict[str, float] = {}
+        for part, (_, values) in self.parts.items():
+            if any(name.startswith(part) for name in known):
+                for name, value in values():
+                    if name.startswith(prefix):
+                        found[name] = float(value)
+                        advance(1)
+        if found.keys() != known.keys():
+            odd = ', '.join(sorted(found.keys() ^ known.keys()))
+            raise KeyError(f'{self.name}: a value or a reference is missing: {odd}')
+        return [(each, found[name]) for name, each in known.items()]
 
 
 @lru_cache

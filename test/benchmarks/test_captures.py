@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from benchmarks.captures import QUANTUM, RATE, capture, captures, codes
-from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.entries import Entry
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
@@ -58,8 +57,3 @@ def test_no_capture_is_above_the_threshold():
         found[column.name] = square / THRESHOLDS[column.name]
     assert set(found) == set(THRESHOLDS)
     assert min(found.values()) > 0.5 and max(found.values()) < 1.0
-
-
-def test_no_captures(tmp_path):
-    with pytest.raises(UserError, match=r'has no capture'):
-        captures(tmp_path)

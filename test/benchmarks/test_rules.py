@@ -22,9 +22,3 @@ def test_a_rule_that_is_not_there_is_named():
     _, source, _, _ = RULES['velocity random walk']
     with pytest.raises(ValueError, match=r"covariance.py has 'no such rule' 0 times"):
         rules.switched_off(source, 'no such rule', '')
-
-
-def test_the_cells_of_a_rule_are_ratios_of_what_was_measured():
-    old = {'signals': {'a': (1.0, 0.95), 'b': (2.0, 0.9)}, 'starts': 3}
-    new = {'signals': {'a': (4.0, 0.93), 'b': (2.0, 0.9)}, 'starts': 5}
-    assert rules.row('one', 'all', new, old) == ['one', 'all', 'a: 4', '2.000', '-1.00', '5']

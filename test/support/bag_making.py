@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 import yaml
@@ -68,6 +69,7 @@ def mcap(
     encoding='cdr',
 ) -> Path:
     """A single MCAP file by the mcap library."""
+    path = path.with_suffix('.mcap')
     with open(path, 'wb') as stream:
         writer = McapWriter(
             stream,
@@ -155,42 +157,23 @@ def opened_by_others(path: Path) -> list[tuple[str, int, bytes]]:
     return found
 
 
+FOLDER = {'plugin': StoragePlugin.MCAP}
 KINDS = {
     'ours': ours,
-    'mcap zstd': lambda path, messages: mcap(path.with_suffix('.mcap'), messages),
-    'mcap lz4': lambda path, messages: mcap(
-        path.with_suffix('.mcap'), messages, compression=CompressionType.LZ4
-    ),
-    'mcap plain': lambda path, messages: mcap(
-        path.with_suffix('.mcap'), messages, compression=CompressionType.NONE
-    ),
-    'mcap small chunks': lambda path, messages: mcap(
-        path.with_suffix('.mcap'), messages, chunk_size=600
-    ),
-    'mcap without index': lambda path, messages: mcap(
-        path.with_suffix('.mcap'), messages, index=IndexType.NONE, chunk_size=900
-    ),
-    'mcap without message index': lambda path, messages: mcap(
-        path.with_suffix('.mcap'), messages, index=IndexType.CHUNK, chunk_size=900
-    ),
-    'mcap without chunks': lambda path, messages: mcap(
-        path.with_suffix('.mcap'), messages, chunks=False
-    ),
-    'mcap folder': lambda path, messages: rosbags(path, messages, plugin=StoragePlugin.MCAP),
-    'mcap folder, zstd': lambda path, messages: rosbags(
-        path, messages, plugin=StoragePlugin.MCAP, mode=CompressionMode.STORAGE
-    ),
-    'mcap folder, file compressed': lambda path, messages: rosbags(
-        path, messages, plugin=StoragePlugin.MCAP, mode=CompressionMode.FILE
-    ),
+    'mcap zstd': mcap,
+    'mcap lz4': partial(mcap, compression=CompressionType.LZ4),
+    'mcap plain': partial(mcap, compression=CompressionType.NONE),
+    'mcap small chunks': partial(mcap, chunk_size=600),
+    'mcap without index': partial(mcap, index=IndexType.NONE, chunk_size=900),
+    'mcap without message index': partial(mcap, index=IndexType.CHUNK, chunk_size=900),
+    'mcap without chunks': partial(mcap, chunks=False),
+    'mcap folder': partial(rosbags, **FOLDER),
+    'mcap folder, zstd': partial(rosbags, **FOLDER, mode=CompressionMode.STORAGE),
+    'mcap folder, file compressed': partial(rosbags, **FOLDER, mode=CompressionMode.FILE),
     'sqlite3': rosbags,
-    'sqlite3, older': lambda path, messages: rosbags(path, messages, version=8),
-    'sqlite3, file compressed': lambda path, messages: rosbags(
-        path, messages, mode=CompressionMode.FILE
-    ),
-    'sqlite3, messages compressed': lambda path, messages: rosbags(
-        path, messages, mode=CompressionMode.MESSAGE
-    ),
-    'mcap split': lambda path, messages: split(path, messages, KINDS['mcap zstd']),
-    'sqlite3 split': lambda path, messages: split(path, messages, rosbags),
+    'sqlite3, older': partial(rosbags, version=8),
+    'sqlite3, file compressed': partial(rosbags, mode=CompressionMode.FILE),
+    'sqlite3, messages compressed': partial(rosbags, mode=CompressionMode.MESSAGE),
+    'mcap split': partial(split, make=mcap),
+    'sqlite3 split': partial(split, make=rosbags),
 }

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,13 +44,6 @@ class Case(NamedTuple):
     known: int
 
 
-class Faulted(NamedTuple):
-    """Counts with a fault, and the index at which its reader can know; None: when it is seen."""
-
-    counts: Array
-    known: int | None = None
-
-
 def motion(rng: np.random.Generator, time: Array) -> Array:
     """Return a random motion that machines make [rad]."""
     kind, sign = rng.integers(4), rng.choice([-1.0, 1.0])
@@ -65,135 +59,128 @@ def motion(rng: np.random.Generator, time: Array) -> Array:
     return sign * 10.0 * time + 2.0 * np.sin(TURN * slow * time) + 0.4 * np.sin(TURN * fast * time)
 
 
-def stuck(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    counts[at:] = counts[at - 1]
-    return Faulted(counts)
+class Onset(NamedTuple):
+    """Where a fault begins: counts, changed in place from index `at` on; rate [Hz]."""
+
+    rng: np.random.Generator
+    counts: Array
+    at: int
+    rate: float
+
+    def now_and_then(self) -> Array:
+        """Return the onset and random indices after it, 0.3 s apart in the mean."""
+        pauses = self.rng.exponential(0.2 * self.rate, 200) + 0.1 * self.rate
+        found = self.at + np.cumsum(np.rint(pauses).astype(int))
+        return np.r_[self.at, found[found < len(self.counts) - 8]]
+
+    def size(self, least: float) -> int:
+        """Return a random number of counts from `least` to 1000, of either sign."""
+        return int(self.rng.choice([-1, 1]) * np.exp(self.rng.uniform(np.log(least), np.log(1000))))
 
 
-def stuck_for_a_while(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    end = at + round(rng.uniform(0.05, 0.5) * rate)
-    counts[at:end] = counts[at - 1]
-    return Faulted(counts, end)
+# Each returns the index at which a reader can know; None: when the fault is seen.
 
 
-def lost_channel(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    counts[at:] = counts[at - 1] + ((counts[at:] - counts[at - 1]) % 2) * rng.choice([-1, 1])
-    return Faulted(counts)
+def stuck(o: Onset) -> None:
+    o.counts[o.at :] = o.counts[o.at - 1]
 
 
-def toggling(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    counts[at:] += np.arange(len(counts) - at) % 2
-    return Faulted(counts, at + 100)
+def stuck_for_a_while(o: Onset) -> int:
+    end = o.at + round(o.rng.uniform(0.05, 0.5) * o.rate)
+    o.counts[o.at : end] = o.counts[o.at - 1]
+    return end
 
 
-def reversed_from_here(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    counts[at:] = 2 * counts[at - 1] - counts[at:]
-    return Faulted(counts)
+def lost_channel(o: Onset) -> None:
+    last = o.counts[o.at - 1]
+    o.counts[o.at :] = last + ((o.counts[o.at :] - last) % 2) * o.rng.choice([-1, 1])
 
 
-def reversed_about_zero(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    counts[at:] = -counts[at:]
-    return Faulted(counts)
+def toggling(o: Onset) -> int:
+    o.counts[o.at :] += np.arange(len(o.counts) - o.at) % 2
+    return o.at + 100
 
 
-def _bit(bit: int, rng: np.random.Generator, counts: Array, at: int) -> Faulted:
-    clean = counts.copy()
-    mask = 1 << bit
-    counts[at:] = counts[at:] | mask if rng.random() < 0.5 else counts[at:] & ~mask
-    flips = np.flatnonzero(np.diff((clean[at:] >> bit) & 1))
-    return Faulted(counts, at + int(flips[3]) if len(flips) > 3 else len(counts))
+def reversed_from_here(o: Onset) -> None:
+    o.counts[o.at :] = 2 * o.counts[o.at - 1] - o.counts[o.at :]
 
 
-def stuck_low_bit(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    return _bit(int(rng.integers(1, 4)), rng, counts, at)
+def reversed_about_zero(o: Onset) -> None:
+    o.counts[o.at :] *= -1
 
 
-def stuck_high_bit(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    return _bit(int(rng.integers(6, 11)), rng, counts, at)
+def stuck_bit(o: Onset, least: int, most: int) -> int:
+    bit = int(o.rng.integers(least, most))
+    flips = np.flatnonzero(np.diff((o.counts[o.at :] >> bit) & 1))
+    o.counts[o.at :] &= ~(1 << bit)
+    if o.rng.random() < 0.5:
+        o.counts[o.at :] |= 1 << bit
+    return o.at + int(flips[3]) if len(flips) > 3 else len(o.counts)
 
 
-def _now_and_then(rng: np.random.Generator, at: int, end: int, rate: float, every: float) -> Array:
-    found = at + np.cumsum(np.rint(rng.exponential(every * rate, 200) + 0.1 * rate).astype(int))
-    return np.r_[at, found[found < end - 8]]
+def single_zeros(o: Onset) -> None:
+    o.counts[o.now_and_then()] = 0
 
 
-def single_zeros(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    counts[_now_and_then(rng, at, len(counts), rate, 0.2)] = 0
-    return Faulted(counts)
+def zeros_for_a_while(o: Onset) -> None:
+    length = int(o.rng.integers(2, 20))
+    for k in o.now_and_then():
+        o.counts[k : k + length] = 0
 
 
-def zeros_for_a_while(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    length = int(rng.integers(2, 20))
-    for k in _now_and_then(rng, at, len(counts), rate, 0.2):
-        counts[k : k + length] = 0
-    return Faulted(counts)
+def holds(o: Onset) -> int:
+    length = int(o.rng.integers(3, 40))
+    for k in o.now_and_then():
+        o.counts[k : k + length] = o.counts[k - 1]
+    return o.at + length
 
 
-def holds(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    length = int(rng.integers(3, 40))
-    for k in _now_and_then(rng, at, len(counts), rate, 0.2):
-        counts[k : k + length] = counts[k - 1]
-    return Faulted(counts, at + length)
+def single_holds(o: Onset) -> int:
+    held = o.at + np.flatnonzero(o.rng.random(len(o.counts) - o.at) < 0.05)
+    o.counts[held] = o.counts[held - 1]
+    return int(held[0]) + 1
 
 
-def single_holds(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    held = at + np.flatnonzero(rng.random(len(counts) - at) < 0.05)
-    counts[held] = counts[held - 1]
-    return Faulted(counts, int(held[0]) + 1)
+def counts_lost_for_a_while(o: Onset) -> int:
+    length = int(o.rng.integers(3, 20))
+    for k in o.now_and_then():
+        lost = o.counts[min(k + length, len(o.counts)) - 1] - o.counts[k - 1]
+        o.counts[k + length :] -= lost
+        o.counts[k : k + length] = o.counts[k - 1]
+    return o.at + length
 
 
-def counts_lost_for_a_while(
-    rng: np.random.Generator, counts: Array, at: int, rate: float
-) -> Faulted:
-    length, first = int(rng.integers(3, 20)), None
-    for k in _now_and_then(rng, at, len(counts), rate, 0.2):
-        lost = counts[min(k + length, len(counts)) - 1] - counts[k - 1]
-        counts[k + length :] -= lost
-        counts[k : k + length] = counts[k - 1]
-        first = first or k + length
-    return Faulted(counts, first)
+def counts_lost_at_once(o: Onset) -> None:
+    for k in o.now_and_then():
+        o.counts[k:] -= int(o.rng.integers(16, 200) * np.sign(o.counts[k] - o.counts[k - 5]))
 
 
-def counts_lost_at_once(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    for k in _now_and_then(rng, at, len(counts), rate, 0.2):
-        counts[k:] -= int(rng.integers(16, 200) * np.sign(counts[k] - counts[k - 5]))
-    return Faulted(counts)
+def one_jump(o: Onset) -> None:
+    o.counts[o.at :] += o.size(32)
 
 
-def one_jump(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    counts[at:] += int(rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(32), np.log(1000))))
-    return Faulted(counts)
+def glitches(o: Onset) -> None:
+    for k in o.now_and_then():
+        o.counts[k] += o.size(64)
 
 
-def glitches(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    for k in _now_and_then(rng, at, len(counts), rate, 0.2):
-        counts[k] += int(rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(64), np.log(1000))))
-    return Faulted(counts)
+def every_nth(o: Onset, n: int = 0) -> int:
+    n = n or int(o.rng.integers(3, 11))
+    tail = np.arange(len(o.counts) - o.at)
+    o.counts[o.at :] = o.counts[o.at + tail // n * n]
+    return o.at + 5 * n
 
 
-def _every(n: int, counts: Array, at: int) -> Faulted:
-    tail = np.arange(len(counts) - at)
-    counts[at:] = counts[at + tail // n * n]
-    return Faulted(counts, at + 5 * n)
-
-
-def every_second(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    return _every(2, counts, at)
-
-
-def every_nth(rng: np.random.Generator, counts: Array, at: int, rate: float) -> Faulted:
-    return _every(int(rng.integers(3, 11)), counts, at)
-
-
-FAULTS: dict[str, tuple[Callable[..., Faulted], tuple[str, ...]]] = {
+# The fault, and the kinds that name it rightly.
+FAULTS: dict[str, tuple[Callable[[Onset], int | None], tuple[str, ...]]] = {
     'stuck at speed': (stuck, ('stuck', 'stopped')),
     'stuck, then right again': (stuck_for_a_while, ('held', 'stuck')),
     'lost channel': (lost_channel, ('channel', 'stuck', 'stopped')),
     'toggling by a count': (toggling, ('toggle',)),
     'reversed': (reversed_from_here, ('reversed',)),
     'reversed about zero': (reversed_about_zero, ('reversed',)),
-    'stuck bit 1 to 3': (stuck_low_bit, ('bit', 'jump')),
-    'stuck bit 6 to 10': (stuck_high_bit, ('bit', 'jump')),
+    'stuck bit 1 to 3': (partial(stuck_bit, least=1, most=4), ('bit', 'jump')),
+    'stuck bit 6 to 10': (partial(stuck_bit, least=6, most=11), ('bit', 'jump')),
     'zero for one reading': (single_zeros, ('zero', 'glitch')),
     'zero for 2 to 19': (zeros_for_a_while, ('zero', 'glitch', 'stuck')),
     'hold of 3 to 39': (holds, ('held',)),
@@ -202,7 +189,7 @@ FAULTS: dict[str, tuple[Callable[..., Faulted], tuple[str, ...]]] = {
     'counts lost at once': (counts_lost_at_once, ('lost', 'jump')),
     'jump': (one_jump, ('jump', 'lost')),
     'glitches': (glitches, ('glitch', 'zero')),
-    'repetition of every second': (every_second, ('held',)),
+    'repetition of every second': (partial(every_nth, n=2), ('held',)),
     'repetition of every nth': (every_nth, ('held',)),
 }
 
@@ -238,7 +225,8 @@ def case(name: str, number: int) -> Case:
             break
     onset = int(rng.choice(at))
     clean = counted(rng, position, per_turn, noise)
-    counts, known = fault(rng, clean.copy(), onset, rate)
+    counts = clean.copy()
+    known = fault(Onset(rng, counts, onset, rate))
     if known is None:
         wrong = np.flatnonzero(np.abs(counts - clean) >= SEEN + 8.0 * noise)
         known = int(wrong[0]) if len(wrong) else len(counts)
@@ -263,12 +251,25 @@ def _case(
     return Case(stamps, reading, position, velocity, quantum, onset, known)
 
 
-STOPS = {
-    'impact on a stop, with a rebound': (0.1, 0.6),
-    'impact on a spring of 1 to 10 ms': (0.0, 0.0),
-    'a gripper that closes in 5 to 50 ms': (0.0, 0.0),
-    'a strike: the speed jumps': (0.0, 0.0),
-    'impact without rebound, within a sample': (0.0, 0.0),
+def rebound(rng: np.random.Generator, late: Array) -> Array:
+    ratio = rng.uniform(0.1, 0.6)
+    return -ratio * np.exp(-late / rng.uniform(0.02, 0.2))
+
+
+def spring(rng: np.random.Generator, late: Array) -> Array:
+    pulsation = math.pi / rng.uniform(2e-3, 2e-2)
+    damping = rng.uniform(0.2, 0.8) * pulsation
+    return np.exp(-damping * late) * np.cos(pulsation * late)
+
+
+# (time since the impact [s]) -> the speed over that before
+STOPS: dict[str, Callable[[np.random.Generator, Array], Array]] = {
+    'impact on a stop, with a rebound': rebound,
+    'impact on a spring of 1 to 10 ms': spring,
+    'a gripper that closes in 5 to 50 ms': lambda rng, late: np.maximum(
+        0.0, 1.0 - late / rng.uniform(5e-3, 5e-2)
+    ),
+    'impact without rebound, within a sample': lambda rng, late: np.zeros(len(late)),
 }
 
 
@@ -278,25 +279,9 @@ def stop(name: str, number: int) -> Case:
     rate, per_turn, noise, time = sampled(rng)
     at, fine = rng.uniform(2.0, 3.0), 20
     dense = np.arange(len(time) * fine) / (rate * fine)
-    speed = np.full(len(dense), rng.uniform(2.0, 20.0))
-    speed *= np.where(dense < 0.3, dense / 0.3, 1.0)
-    after = dense >= at
-    late = dense[after] - at
-    top = speed[-1]
-    if 'rebound,' in f'{name},' and 'with a' in name:
-        ratio = rng.uniform(0.1, 0.6)
-        speed[after] = -ratio * top * np.exp(-late / rng.uniform(0.02, 0.2))
-    elif 'spring' in name:
-        pulsation = math.pi / rng.uniform(2e-3, 2e-2)
-        damping = rng.uniform(0.2, 0.8) * pulsation
-        speed[after] = top * np.exp(-damping * late) * np.cos(pulsation * late)
-    elif 'gripper' in name:
-        speed[after] = top * np.maximum(0.0, 1.0 - late / rng.uniform(5e-3, 5e-2))
-    elif 'strike' in name:
-        speed[after] = top * rng.uniform(-2.0, 3.0) * np.exp(-late / rng.uniform(0.1, 1.0))
-    else:
-        speed[after] = 0.0
-    dense_position = np.cumsum(speed) / (rate * fine)
-    position, velocity = dense_position[::fine], speed[::fine]
+    top = rng.uniform(2.0, 20.0)
+    speed = top * np.where(dense < 0.3, dense / 0.3, 1.0)
+    speed[dense >= at] = top * STOPS[name](rng, dense[dense >= at] - at)
+    position, velocity = np.cumsum(speed)[::fine] / (rate * fine), speed[::fine]
     counts = counted(rng, position, per_turn, noise)
     return _case(rng, time, counts, position, velocity, per_turn, len(time), len(time))

@@ -1,21 +1,15 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The standard deviation where motion begins: how many of it the error is, and how soon it is calm.
-
-    python test/support/sigma_starts.py
-
-prints the table of every angle observer; `test_starts.py` tests a part of it.
-"""
+"""The standard deviation where motion begins: errors over it, and how soon it is calm."""
 
 from __future__ import annotations
 
 import math
-import sys
 from typing import NamedTuple
 
 import numpy as np
-from observer_cases import make, stamps, variants, wrapped
+from observer_cases import make, stamps, wrapped
 
 from estimator_pkg.estimate import TRACKING
 from sim_pkg.joints.profiles import ProfileParameters, make_profile
@@ -61,14 +55,11 @@ class Case(NamedTuple):
 
 class Found(NamedTuple):
     """worst: largest |error|/sigma in the start; calm: changed readings until sigma is below twice
-    its steady value; needed: until the error is below five times that."""
+    its steady value; zeros: standard deviations of zero."""
 
     worst: float
     calm: int
-    needed: int
-    steady: float
     zeros: int
-    at: float
 
 
 def stream(case: Case):
@@ -112,25 +103,12 @@ def measure(name, gains, case):
         error[part], sigma[part], out=np.full(last - first, np.inf), where=sigma[part] > 0.0
     )
     ratio = np.where(error[part] < 1e-12, 0.0, ratio)
-    worst = float(np.max(ratio[told], initial=0.0))
-    where = int(np.argmax(np.where(told, ratio, 0.0)))
-    steady = float(
-        np.median(sigma[first + round(0.5 * case.rate) : first + round(0.65 * case.rate)])
-    )
+    steady = np.median(sigma[first + round(0.5 * case.rate) : first + round(0.65 * case.rate)])
     changed = np.cumsum(np.diff(read[first - 1 : last]) != 0.0)
     wide = np.flatnonzero(sigma[part] > 2.0 * steady)
-    far = np.flatnonzero(error[part] > 10.0 * steady)
-    return Found(
-        worst,
-        int(changed[wide[-1]]) if len(wide) else 0,
-        int(changed[far[-1]]) if len(far) else 0,
-        steady,
-        int(
-            np.count_nonzero(out.velocity_stddev == 0.0)
-            + np.count_nonzero(out.position_stddev == 0.0)
-        ),
-        where,
-    )
+    zeros = np.count_nonzero(sigma == 0.0) + np.count_nonzero(out.position_stddev == 0.0)
+    worst = float(np.max(ratio[told], initial=0.0))
+    return Found(worst, int(changed[wide[-1]]) if len(wide) else 0, zeros)
 
 
 def readings_of_error(name, gains, known):
@@ -148,53 +126,3 @@ def readings_of_error(name, gains, known):
         errors.append((out.velocity - velocity)[changed[:150]])
     wide = np.flatnonzero(np.sqrt(np.mean(np.square(errors), 0)) > 2.0 * np.median(steady))
     return int(wide[-1]) + 1 if len(wide) else 0
-
-
-def cases(quick=False):
-    for motion in MOTIONS:
-        for rate in (1000.0, 100.0) if quick else (1000.0, 500.0, 200.0, 100.0):
-            for bits in (12, 17) if quick else (12, 14, 17):
-                for noise in (0.0, 0.5) if quick else (0.0, 0.1, 0.5, 3.0):
-                    for known in (False, True):
-                        yield Case(motion, rate, bits, noise, known)
-
-
-def main():
-    wanted = sys.argv[1:]
-    quick = 'quick' in wanted
-    detail = 'detail' in wanted
-    for name, gains in variants():
-        asked = set(wanted) - {'quick', 'detail'}
-        if asked and not any(word in name for word in asked):
-            continue
-        print(f'{name} {gains}')
-        worst = {}
-        for case in cases(quick):
-            found = measure(name, gains, case)
-            for key in (
-                ('motion', case.motion),
-                ('rate', case.rate),
-                ('bits', case.bits),
-                ('noise', case.noise),
-                ('known', case.known),
-            ):
-                worst.setdefault(key, []).append((found, case))
-            if detail and (found.worst > 5.0):
-                print(
-                    f'   {case.motion:18} {case.rate:5g} Hz {case.bits} bits noise {case.noise}'
-                    f' {"known" if case.known else "-":5} {found.worst:9.3g} at {found.at}'
-                    f'  calm {found.calm} needed {found.needed} steady {found.steady:.2g}'
-                )
-        for (kind, value), rows in worst.items():
-            ratios = np.array([row.worst for row, _ in rows])
-            calm = [row.calm for row, _ in rows]
-            late = np.mean([row.calm > max(20, row.needed) for row, _ in rows])
-            print(
-                f'  {kind:7} {value!s:18} worst {max(ratios):9.3g}  beyond 5: '
-                f'{np.mean(ratios > 5.0):6.1%}  calm {int(np.median(calm)):3} late {late:6.1%} '
-                f'zeros {sum(row.zeros for row, _ in rows)}'
-            )
-
-
-if __name__ == '__main__':
-    main()

@@ -8,34 +8,26 @@ from __future__ import annotations
 import json
 import math
 
-from estimator_pkg.bags.writer import BagWriter
+import joint_bags
+
 from estimator_pkg.cli import main
-from estimator_pkg.messages.joint_state import TYPE, Encoder
 
 START = 1_700_000_000_000_000_000
 
 
 def write_bag(path, joints, truth=True, counts=4096, seconds=6.0, rate=500.0):
     """A bag with joints: name -> frequency [Hz] of a motion of 5 rad/s."""
-    states, true = Encoder(), Encoder()
-    with BagWriter(path) as bag:
-        bag.add_topic('/joint_states', TYPE)
+    found = {'/joint_states': [], **({'/ground_truth/joint_states': []} if truth else {})}
+    for k in range(1, int(seconds * rate)):
+        t = k / rate
+        stamp = START + round(t * 1e9)
+        angles = [-5.0 / (math.tau * f) * math.cos(math.tau * f * t) for f in joints.values()]
+        read = [math.floor(a * counts / math.tau) * math.tau / counts for a in angles]
+        found['/joint_states'].append((stamp, tuple(joints), read, ()))
         if truth:
-            bag.add_topic('/ground_truth/joint_states', TYPE)
-        for k in range(1, int(seconds * rate)):
-            t = k / rate
-            stamp = START + round(t * 1e9)
-            angles = [-5.0 / (math.tau * f) * math.cos(math.tau * f * t) for f in joints.values()]
-            read = [math.floor(a * counts / math.tau) * math.tau / counts for a in angles]
-            bag.write('/joint_states', stamp, states.encode(stamp, '', tuple(joints), read))
-            if truth:
-                speeds = [5.0 * math.sin(math.tau * f * t) for f in joints.values()]
-                bag.write(
-                    '/ground_truth/joint_states',
-                    stamp,
-                    true.encode(stamp, '', tuple(joints), angles, speeds),
-                )
-    return str(path)
+            speeds = [5.0 * math.sin(math.tau * f * t) for f in joints.values()]
+            found['/ground_truth/joint_states'].append((stamp, tuple(joints), angles, speeds))
+    return joint_bags.write_bag(path, found)
 
 
 def tuned(tmp_path, *words):

@@ -9,7 +9,10 @@ from sim_pkg.reproduce.contract import Reproduction
 REPRODUCTION = Reproduction(
     name='adaptive',
     summary='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers',
-    parts={'A1': examples.a1_values, 'A2': examples.a2_values},
+    parts={
+        'A1': ('4.1, velocity of a DC motor', examples.a1_values),
+        'A2': ('4.2, identification', examples.a2_values),
+    },
     reasons=(
         (
             r'A2 theta.* b1',

@@ -11,11 +11,11 @@ REPRODUCTION = Reproduction(
     summary='Brentari, Bosetti, Zaccarian: A class of hybrid velocity observers for angular '
     'measurements with jumps (2018)',
     parts={
-        'F4': continuous.figure_4_values,
-        'LY': continuous.lyapunov_values,
-        'F5': continuous.figure_5_values,
-        'F6': sampled.figure_6_values,
-        'stability': sampled.stability_values,
+        'F4': ('Figure 4', continuous.figure_4_values),
+        'LY': ('Lemma 1, on the runs of Figure 4', continuous.lyapunov_values),
+        'F5': ('Figure 5', continuous.figure_5_values),
+        'F6': ('Figure 6', sampled.figure_6_values),
+        'stability': ('Theorem 2', sampled.stability_values),
     },
     notes=(
         'The paper prints curves and words, and only one number (150 rad/s). The noise of Figure 5 '

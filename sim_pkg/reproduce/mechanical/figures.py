@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sim_pkg.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, TRUTH, lines, panels
-from sim_pkg.reproduce.mechanical import cart, lab, leg, loop
+from sim_pkg.reproduce.mechanical import lab, loop
+from sim_pkg.reproduce.mechanical.sections import CART, LEG
 
 STYLES = {
     'GESO': GREEN,
@@ -30,35 +31,35 @@ SEED = 0
 
 def cart_positions() -> Figure:
     """Figure 2: positions of section 5.1, true and measured."""
-    q, readings = cart.truth()[0], cart.measured(SEED)
+    q, readings = CART.truth()[0], CART.measured(SEED)
     title = 'Section 5.1: positions and their noisy, quantised measurements'
     figure, axes = panels(2, title, ('$q_1$ [rad]', '$q_2$'))
     for joint, each in enumerate(axes):
         curves = {'measured': readings[:, joint], 'true': q[:, joint]}
-        lines(each, cart.DT * np.arange(cart.COUNT), curves, STYLES)
+        lines(each, CART.time, curves, STYLES)
     return figure
 
 
 def cart_velocities() -> Figure:
     """Figure 3: estimates of the velocities of section 5.1."""
-    v, readings = cart.truth()[1], cart.measured(SEED)
-    found = {name: cart.estimate(name, readings) for name in THREE} | {'true': v}
+    v, readings = CART.truth()[1], CART.measured(SEED)
+    found = {name: CART.estimate(name, readings) for name in THREE} | {'true': v}
     labels = r'$\dot q_1$', r'$\dot q_2$'
     figure, axes = panels(2, 'Section 5.1: estimated velocities', labels)
     for joint, each in enumerate(axes):
         curves = {name: values[:, joint] for name, values in found.items()}
-        lines(each, cart.DT * np.arange(cart.COUNT), curves, STYLES)
+        lines(each, CART.time, curves, STYLES)
     return figure
 
 
 def leg_errors(joint: int) -> Figure:
     """Figures 5 to 7: errors of one velocity of the leg."""
-    v, readings = leg.run()[1], leg.measured(SEED)
-    curves = {name: (leg.estimate(name, readings) - v)[:, joint] for name in THREE}
+    v, readings = LEG.truth()[1], LEG.measured(SEED)
+    curves = {name: (LEG.estimate(name, readings) - v)[:, joint] for name in THREE}
     figure, axes = panels(
         1, f'Section 5.2: error of the velocity $\\dot q_{joint + 1}$', ('error',)
     )
-    lines(axes[0], leg.DT * np.arange(leg.COUNT), curves, STYLES)
+    lines(axes[0], LEG.time, curves, STYLES)
     return figure
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from estimator_pkg.models import cart_pendulum
 from estimator_pkg.models.mechanics import Mechanics
 from sim_pkg.mechanisms.cart_pendulum import BACKWARD, CONSTANT, FORWARD, PLANT, current
 from sim_pkg.reproduce.contract import Values
-from sim_pkg.reproduce.mechanical.runs import make, metrics, move, observe, quantise
+from sim_pkg.reproduce.mechanical.runs import Case, make, metrics, move, observe, quantise
 
 Array = NDArray[np.float64]
 
@@ -35,7 +34,7 @@ THREE = ('ME1e2', 'MSE1e4', 'ME2e2')
 # of the observers: a hard sign
 KNOWN = {'force_constant': CONSTANT, 'friction_forward': FORWARD, 'friction_backward': BACKWARD}
 
-CASES: dict[str, tuple[str, dict[str, Any]]] = {
+CASES: dict[str, Case] = {
     'GESO': ('geso', {'L': [50.0, 80.0], 'Gamma': [400.0, 150.0]}),
     'SMO-BL': ('smo', {'mu': [29.0, 10.0]}),
     'EHGO-BL': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.0126}),
@@ -82,15 +81,12 @@ def measured(positions: Array, scenario: str, seed: int) -> Array:
     return readings[(np.arange(len(readings)) // held) * held]
 
 
-def estimate(case: tuple[str, dict[str, Any]], readings: Array, inputs: Array) -> Array:
+def estimate(case: Case, readings: Array, inputs: Array) -> Array:
     """Return velocities from readings; the observers keep their state in single precision."""
-    observer, gains = case
-    return observe(
-        make(observer, 'cart_pendulum', KNOWN, **gains), readings, inputs, DT, single=True
-    )
+    return observe(make(case, 'cart_pendulum', KNOWN), readings, inputs, DT, single=True)
 
 
-def three(case: tuple[str, dict[str, Any]], scenario: str) -> Array:
+def three(case: Case, scenario: str) -> Array:
     """Return THREE, the first of `metrics`, shape (3,): their mean over encoder offsets."""
     q, v, inputs = truth('mismatch')
     readings = np.stack([measured(q, scenario, offset) for offset in OFFSETS], axis=1)

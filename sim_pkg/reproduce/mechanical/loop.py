@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,12 +16,12 @@ from estimator_pkg.models.motion import move
 from sim_pkg.mechanisms.cart_pendulum import CONSTANT, LIMIT, balancing_force, triangle
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.mechanical.lab import CASES, DT, HELD, KNOWN, QUANTA, plant
-from sim_pkg.reproduce.mechanical.runs import follow, in_single, make, quantise, rest
+from sim_pkg.reproduce.mechanical.runs import Case, follow, in_single, make, quantise, rest
 
 PARTS = 6  # of a sample: a loop that is closed forgets the error of a step, unlike `lab.truth`
 COUNT, DROPPED = 8960, 2240  # 40 s, of which 10 s are dropped
 FALLEN = 0.5 * math.pi
-ALL_CASES: dict[str, tuple[str, dict[str, Any]]] = {
+ALL_CASES: dict[str, Case] = {
     **{name: CASES[name] for name in ('GESO', 'SMO-BL', 'EHGO-BL')},
     'EHGO.025': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.025}),
 }
@@ -53,9 +53,8 @@ def balance(runs: Sequence[tuple[str, str]]) -> list[Balanced]:
     shape = len(runs), 2
     sharing = []  # (observer, the runs with it)
     for name in dict(runs):
-        kind, gains = ALL_CASES[name]
         rows = [number for number, run in enumerate(runs) if run[0] == name]
-        sharing.append((make(kind, 'cart_pendulum', KNOWN, **gains), rows))
+        sharing.append((make(ALL_CASES[name], 'cart_pendulum', KNOWN), rows))
     quanta = np.array([QUANTA[scenario] for _, scenario in runs])
     held = np.array([[HELD[scenario]] for _, scenario in runs])
     offsets = np.random.default_rng(0).uniform(-0.5, 0.5, 2) * quanta

@@ -9,18 +9,18 @@ once: arrays have shape (N, ..., n). Positions do not wrap.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from estimator_pkg import observers
 from estimator_pkg.circle import Circle
-from estimator_pkg.models import cart_pendulum, robotic_leg
 from estimator_pkg.models.mechanics import Array, Mechanics
 from estimator_pkg.models.motion import course
 from estimator_pkg.observers.mechanism.observer import Core, MechanismObserver
 from estimator_pkg.parameters import build
+
+Case = tuple[str, dict[str, Any]]  # an observer and its gains
 
 
 def quantise(values: Array, quantum: Any) -> Array:
@@ -34,15 +34,16 @@ def quantise(values: Array, quantum: Any) -> Array:
     return d * np.floor(values / d + 0.5)
 
 
-def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any) -> MechanismObserver:
+def assigned(numbers: dict[str, float]) -> tuple[str, ...]:
+    """Return the numbers of a model as assignments."""
+    return tuple(f'{name}={value!r}' for name, value in numbers.items())
+
+
+def make(case: Case, model: str, numbers: dict[str, float]) -> MechanismObserver:
     """Return an observer of a built-in model (forward Euler)."""
+    observer, gains = case
     record = observers.find(observer)
-    values = {
-        'form': 'paper',
-        'model': model,
-        **gains,
-        'model_parameters': [f'{name}={value!r}' for name, value in parameters.items()],
-    }
+    values = {'form': 'paper', 'model': model, **gains, 'model_parameters': assigned(numbers)}
     checked: Any = build(record.gains, values, owner=observer)
     made: MechanismObserver = record.plan(checked, Circle())
     return made
@@ -120,21 +121,3 @@ def metrics(errors: Array) -> Array:
 METRICS = tuple(
     f'{name}{joint}{unit}' for joint in (1, 2, 3) for name, unit in (('ME', 'e2'), ('MSE', 'e4'))
 )
-OF_FIRST = ('ME1e2', 'MSE1e4', 'ME2e2', 'MSE2e4')
-
-
-@lru_cache
-def normalised() -> Mechanics:
-    """The cart-pendulum of section 5.1: a = m = 1."""
-    return cart_pendulum.MODEL.build(cart_pendulum.Parameters(**cart_of()))
-
-
-def cart_of() -> dict[str, float]:
-    """Its numbers."""
-    return {'pendulum_inertia': 1.0, 'pendulum_moment': 0.1, 'moving_mass': 1.0, 'gravity': 1.0}
-
-
-@lru_cache
-def leg() -> Mechanics:
-    """Return the leg of section 5.2, without the guard of its domain."""
-    return robotic_leg.MODEL.build(robotic_leg.Parameters(margin=1e-9))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from sim_pkg.reproduce.contract import Reproduction, Table, Values
+from sim_pkg.reproduce.contract import Reproduction, Values
 from sim_pkg.reproduce.pmsm.motor import (
     CONTINUOUS,
     HYBRID,
@@ -23,6 +23,10 @@ from sim_pkg.reproduce.pmsm.observer import observer_run
 VARIANTS = {'cont': CONTINUOUS, 'hyb': HYBRID, 'id_post': IDENTIFIER}
 NAMES = {'cont': '(5)', 'hyb': '(16)', 'id_post': '(16), (26)'}
 QUANTITIES = ('speed', 'angle', 'xi', 'emf')
+WHAT = (
+    'settling time [ms] of speed (2 %), angle (5 deg), xi and back-EMF (2 %); final: largest error '
+    'in the last 0.1 s of speed [%], angle [deg], xi [%], back-EMF [%]'
+)
 
 
 @lru_cache
@@ -52,39 +56,23 @@ def _both(name: str, observer: str, run: Run, quantities: tuple[str, ...]) -> Va
         yield f'{name} final {what} {observer}', finals[what]
 
 
-def _table(title: str, columns: dict[str, str]) -> Table:
-    body = {name: [f'{stem} {each}' for stem in columns.values()] for each, name in NAMES.items()}
-    return Table(title, tuple(columns), body)
-
-
 REPRODUCTION = Reproduction(
     name='pmsm',
     summary='Bosso, Azzollini, Tilli: A semi-global hybrid sensorless observer for permanent '
     'magnets synchronous machines with unknown mechanical model (2020)',
-    parts={'F2': run_values, 'starts': start_values},
-    tables=(
-        _table(
-            'Figure 2: settling time of speed (2 %), angle (5 deg), xi, back-EMF (2 %) [ms]',
-            {what: f'F2 {what}' for what in QUANTITIES},
+    parts={
+        'F2': (
+            f'Figure 2, observers {", ".join(map(" ".join, NAMES.items()))}: {WHAT}',
+            run_values,
         ),
-        _table(
-            'Figure 2: largest error in the last 0.1 s: speed [%], angle [deg], xi [%], EMF [%]',
-            {what: f'F2 final {what}' for what in QUANTITIES},
+        'starts': (
+            'the observer `pmsm`, form: paper, 20 kHz, from the starts '
+            + '; '.join(
+                f'{k}: eta {eta:g} deg, xi {xi:.0f}/Wb' for k, (_, eta, xi) in STARTS.items()
+            ),
+            start_values,
         ),
-        *(
-            _table(
-                f'The observer `pmsm`, form: paper, 20 kHz, start {start}: eta {eta:g} deg, '
-                f'xi {xi:.0f}/Wb',
-                {
-                    'speed [ms]': f'starts {start} speed',
-                    'angle [ms]': f'starts {start} angle',
-                    'final speed [%]': f'starts {start} final speed',
-                    'final angle [deg]': f'starts {start} final angle',
-                },
-            )
-            for start, (_, eta, xi) in STARTS.items()
-        ),
-    ),
+    },
     notes=(
         'The paper draws curves and prints no result as a number; its profile, load and start are '
         'not published.',

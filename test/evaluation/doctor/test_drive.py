@@ -189,7 +189,7 @@ def checks(read, values):
 SERVO = {'resistance': 2.1, 'inductance': 0.009, 'flux': 0.059, 'pole_pairs': 4}
 SERVO_SIM = (
     *(f'{name}={value}' for name, value in SERVO.items()),
-    *('inertia=5.6e-5', 'rated_current=3.6', 'current_max=10.8', 'load_quadratic=1e-6'),
+    *('inertia=5.6e-5', 'current_max=10.8', 'load_quadratic=1e-6'),
     *('coulomb=0.02', 'dc_voltage=300', 'current_noise=0.02', 'adc_range=20', 'current_hz=800'),
     *('speed_hz=25', 'speed_rpm=3000'),
 )

@@ -19,7 +19,6 @@ from sim_pkg.joints.profiles import (
     pieces,
     smooth_random,
     steps,
-    trapezoid,
 )
 
 
@@ -65,29 +64,6 @@ def test_position_is_continuous_and_any_time_can_be_asked_for(name, profile):
     assert np.isfinite(profile(np.array([-0.01]))[0]).all()  # a jittered stamp before the start
 
 
-def test_start_ratio_and_mean_velocity():
-    parameters = build(
-        ProfileParameters,
-        {'profile': 'sine', 'start_angle': 2.0, 'mean_velocity': 3.0, 'amplitude': 4.0},
-    )
-    at = np.array([0.0, 10.0])
-    position, velocity, _ = make_profile(parameters, np.random.default_rng(0), ratio=0.5)(at)
-    assert position[0] == 2.0
-    assert velocity[0] == pytest.approx(0.5 * (3.0 + 4.0 * 2.0 * math.pi * 0.3))
-    assert position[1] == pytest.approx(2.0 + 0.5 * 30.0, abs=1e-9)  # three whole periods
-
-
-def test_trapezoid_goes_there_and_back():
-    profile = trapezoid(10.0, 20.0, 1.0)  # a cycle: 4 holds of 1 s, 4 ramps of 0.5 s
-    position, velocity, acceleration = profile(
-        np.array([0.5, 1.25, 2.0, 2.75, 3.5, 4.25, 5.0, 5.75, 6.0, 60.25 + 1.0])
-    )
-    np.testing.assert_allclose(velocity, [0, 5, 10, 5, 0, -5, -10, -5, 0, 5], atol=1e-9)
-    np.testing.assert_allclose(acceleration, [0, 20, 0, -20, 0, -20, 0, 20, 0, 20])
-    assert position[4] == pytest.approx(15.0)
-    assert position[8] == pytest.approx(0.0, abs=1e-12)
-
-
 @pytest.mark.parametrize('acceleration', [0.0, 25.0])
 def test_steps_visit_every_level_with_the_given_acceleration(acceleration):
     profile = steps(8.0, acceleration, 0.5)
@@ -98,11 +74,6 @@ def test_steps_visit_every_level_with_the_given_acceleration(acceleration):
     inner = counts[1:-1]
     assert inner.max() - inner.min() <= 4  # visited twice each, the two ends once
     assert set(np.unique(slope)) == ({0.0} if acceleration == 0.0 else {-25.0, 0.0, 25.0})
-
-
-def test_velocity_at_a_jump_is_the_later_one():
-    profile = pieces([(1.0, 2.0, 2.0), (1.0, 5.0, 5.0)])
-    np.testing.assert_array_equal(profile(np.array([1.0 - 1e-9, 1.0]))[1], [2.0, 5.0])
 
 
 @pytest.mark.long

@@ -186,15 +186,6 @@ def test_it_waits_for_who_listens_to_the_truth_too_and_says_so(probe, hear, capf
     assert measured == truth
 
 
-def test_unknown_parameter_and_simulated_time_are_warned_about():
-    with encoder_sim('duration:=0.1', 'amplitud:=3.0', 'use_sim_time:=true') as process:
-        assert process.ends() == 0
-    said = process.output
-    assert "unknown parameter 'amplitud': did you mean 'amplitude'?" in said
-    assert 'use_sim_time has no effect' in said
-    assert '200 messages' in said  # it runs all the same
-
-
 def test_node_in_an_executor_of_the_users_own(probe, hear):
     heard = hear(JointState, MEASURED, BEST_EFFORT)
     with node_of(probe, 'mine', joints=('a', 'b'), rate=200.0) as node:

@@ -18,7 +18,6 @@ from estimator_pkg.engine import calls
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.pmsm.observer import Gains
 from estimator_pkg.parameters import build, declared
-from sim_pkg.pmsm.control import speed_control
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.inverter import dead_time_error
 from sim_pkg.pmsm.parameters import PmsmParameters
@@ -170,11 +169,3 @@ def test_the_servo_of_the_configuration_runs_and_is_tracked():
     assert np.abs(record.truth[:, 0] - record.truth[:, 4]).max() < 150.0 * RPM
     found = judge(Motor(gains), record)
     assert found.wrong == 0.0 and found.withheld < 40.0 and found.tracking > 290.0
-
-
-def test_speed_control_stops_integrating_at_the_limit():
-    control = PmsmParameters().control()
-    assert speed_control(1000.0, 0.0, 0.0, 0.1, control) == (30.0, 0.1)
-    assert speed_control(-1000.0, 0.0, 0.0, 0.1, control) == (-30.0, 0.1)
-    i_q, integral = speed_control(101.0, 0.0, 100.0, 0.1, control)
-    assert 0.1 / control.torque_constant < i_q < 30.0 and integral > 0.1
