@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.source import PendingBlock, Topic
+from estimator_pkg.bags.reader import Bag, PendingBlock, Topic
 from estimator_pkg.errors import UsageError, UserError, first_line, suggestion
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.cdr import LATEST
@@ -141,22 +141,21 @@ def columns(parsed: argparse.Namespace) -> Columns | None:
 
 
 class LogFile:
-    """A log as the file of a bag, see `estimator_pkg.bags.source`.
+    """A log as the file of a bag, see `estimator_pkg.bags.reader`.
 
     Parameters
     ----------
     wanted : its columns; None: those of a command that reads bags only.
-    warn : reports cells that are no numbers.
 
     Raises
     ------
     UserError, UsageError : it cannot be read, or has no such columns.
     """
 
-    sorts = True
+    SORTS = True
 
-    def __init__(self, path: Path, wanted: Columns | None, warn: Callable[[str], None]) -> None:
-        self.path = path
+    def __init__(self, path: Path, bag: Bag, wanted: Columns | None) -> None:
+        self.path, self._bag = path, bag
         with _readable(path):
             table = _table(path)
             if wanted is None or not (wanted.time and wanted.angles):
@@ -169,13 +168,13 @@ class LogFile:
             self._stamps = self._read_stamps(wanted.time, wanted, table[wanted.time]())
             unit = _unit(wanted.angles, wanted.unit, '--unit', 'rad', ANGLE_UNITS, wanted.line)
             factor = 2.0 * math.pi / wanted.counts if wanted.counts else ANGLE_UNITS[unit]
-            angles = [self._read_angle(name, table[name](), warn) for name in wanted.angles]
+            angles = [self._read_angle(name, table[name]()) for name in wanted.angles]
         self._names, self._angles = wanted.angles, factor * np.column_stack(angles)
         if not np.isfinite(self._angles).any():
             raise UserError(
                 f"{path}: column '{wanted.angles[0]}' has no number: name another with --angle"
             )
-        self.topics = [Topic(TOPIC, TYPE, len(self._stamps))]
+        self._number = bag.number(Topic(TOPIC, TYPE, len(self._stamps)))
 
     def _read_stamps(self, name: str, wanted: Columns, times: NDArray[Any]) -> NDArray[np.int64]:
         unit = _unit([name], wanted.time_unit, '--time-unit', 's', UNITS, wanted.line)
@@ -196,9 +195,7 @@ class LogFile:
             raise UsageError(f'{where} has no time: name another with --time')
         return stamps
 
-    def _read_angle(
-        self, name: str, values: NDArray[Any], warn: Callable[[str], None]
-    ) -> NDArray[np.float64]:
+    def _read_angle(self, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
         if values.shape != self._stamps.shape:
             raise UsageError(
                 f"{self.path}: column '{name}' has {len(values)} rows, the time "
@@ -207,28 +204,26 @@ class LogFile:
         numbers = values.astype(np.float64)
         missing = int(np.count_nonzero(np.isnan(numbers)))
         if missing:
-            warn(
+            self._bag.warn(
                 f"{self.path}: {missing} of {len(numbers)} cells of column '{name}' are no numbers "
                 'and are dropped'
             )
         return numbers
 
-    def pieces(self, places: Sequence[int]) -> Iterable[PendingBlock]:
-        """Return the messages, in the order of the rows; none is recorded before another."""
-        encoder, log_ns = Encoder(), _increasing(self._stamps)
+    def pieces(self, keep: np.ndarray) -> Iterator[PendingBlock]:
+        """Yield the messages, in the order of the rows; none is recorded before another."""
+        log_ns = _increasing(self._stamps)
         for first in range(0, len(self._stamps), ROWS):
             rows = slice(first, first + ROWS)
-
-            def load(rows: slice = rows) -> Block:
-                raw = encode_block(encoder, self._stamps[rows], '', self._names, self._angles[rows])
-                count, size = raw.shape
-                start = size * np.arange(count)
-                times = log_ns[rows]
-                return Block(
-                    np.zeros(count, np.int64), times, times, raw.ravel(), start, start + size
-                )
-
+            load = partial(self._load, rows, log_ns[rows])
             yield PendingBlock(int(log_ns[first]), self._angles[rows].nbytes, load)
+
+    def _load(self, rows: slice, log_ns: NDArray[np.int64]) -> Block:
+        raw = encode_block(Encoder(), self._stamps[rows], '', self._names, self._angles[rows])
+        count, size = raw.shape
+        start = size * np.arange(count)
+        topic = np.full(count, self._number)
+        return Block(topic, log_ns, log_ns, raw.ravel(), start, start + size)
 
     def close(self) -> None:
         """Do nothing: everything is in memory."""

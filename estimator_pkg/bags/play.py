@@ -12,8 +12,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.reader import Bag, open_bag
-from estimator_pkg.bags.source import CDR
+from estimator_pkg.bags.reader import CDR, Bag, open_bag
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.optional import Lazy

@@ -15,8 +15,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -25,7 +24,6 @@ import yaml
 
 from estimator_pkg import whole_file
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import CDR, PendingBlock, Topic, UnreadableError, full_type
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.messages.block import Block, compact, from_messages, join, rows
@@ -33,19 +31,49 @@ from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
 
 if TYPE_CHECKING:
+    from rosbags.interfaces import Qos
+
     from estimator_pkg.bags.log_file import Columns, LogFile
     from estimator_pkg.bags.mcap_file import McapFile
     from estimator_pkg.bags.sqlite_file import SqliteFile
-
-    BagFile = LogFile | McapFile | SqliteFile
 
 log_file = Lazy('estimator_pkg.bags.log_file')
 mcap_file = Lazy('estimator_pkg.bags.mcap_file')
 sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
 
+CDR = 'cdr'
 INFORMATION = 'rosbag2_bagfile_information'
 SUFFIXES = ('.mcap', '.db3', '.zstd')
 ZSTD = b'\x28\xb5\x2f\xfd'  # a compressed message starts with this, CDR with a zero
+LEFT_OUT = -1  # number of a topic that has another type than one of its name before
+
+
+class UnreadableError(UserError):
+    """A topic exists, but none of its messages can be decoded."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes
+    ----------
+    name, type : as in '/joint_states', 'sensor_msgs/msg/JointState'.
+    count : messages in the bag.
+    qos : the profiles that its publishers offered.
+    definition, type_hash : the message definition and RIHS01 hash; empty if the bag has none.
+    definition_format : 'ros2msg' or 'ros2idl'.
+    serialization : 'cdr', or another format of a foreign recorder.
+    """
+
+    name: str
+    type: str
+    count: int = 0
+    qos: tuple[Qos, ...] = ()
+    definition: str = field(default='', repr=False)
+    type_hash: str = ''
+    definition_format: str = 'ros2msg'
+    serialization: str = CDR
 
 
 class Message(NamedTuple):
@@ -57,12 +85,24 @@ class Message(NamedTuple):
     raw: bytes
 
 
+class PendingBlock(NamedTuple):
+    """Messages that are read together: time of the first, bytes when read, and what reads them."""
+
+    start_ns: int
+    size: int
+    load: Callable[[], Block]
+
+
 class Bag:
     """A bag that is open for reading; use `open_bag`.
 
+    Each file adds its topics with `number`, and yields its `pieces`, whose blocks have these
+    numbers, in the order of time; if it `SORTS`, they are known in advance and can be sorted with
+    those of other files.
+
     Attributes
     ----------
-    path : its path.
+    path, limit : its path, and the bytes that a chunk or message may unpack to.
     topics : name -> Topic.
     warnings : problems of the bag that did not prevent reading it.
     """
@@ -70,22 +110,21 @@ class Bag:
     def __init__(
         self, path: Path, unpack_limit: int = unpacking.UNPACK_LIMIT, columns: Columns | None = None
     ) -> None:
-        self.path = path
-        self._limit, self._columns = unpack_limit, columns
+        self.path, self.limit = path, unpack_limit
+        self._columns = columns
         self._size = 0  # bytes of all files
         self.warnings: list[str] = []
         self.topics: dict[str, Topic] = {}
-        self._sources: list[tuple[BagFile, np.ndarray]] = []  # with the indices of its topics
+        self._sources: list[LogFile | McapFile | SqliteFile] = []
         self._stack = ExitStack()
         try:
             self._open()
-        except OSError as error:
+        except BaseException as error:
             self.close()
-            raise UserError(
-                f'cannot read {error.filename or path}: {error.strerror or error}'
-            ) from error
-        except BaseException:
-            self.close()
+            if isinstance(error, OSError):
+                raise UserError(
+                    f'cannot read {error.filename or path}: {error.strerror or error}'
+                ) from error
             raise
 
     def __enter__(self) -> Bag:
@@ -166,46 +205,44 @@ class Bag:
         """Yield (names, block): many messages at a time; `block.topic` are indices of `names`."""
         names = list(self.topics)
         chosen = set(names if topics is None else topics)
-        keep = np.array([name in chosen for name in names] + [False])  # the last one for -1
-        for block in self._in_log_order(self._pieces(keep)):
+        keep = np.array([name in chosen for name in names] + [False])  # the last one for LEFT_OUT
+        for block in self._in_log_order(keep):
             starts = block.start[block.end - block.start >= len(ZSTD)]
             packed = (rows(block.data, starts, len(ZSTD)) == np.frombuffer(ZSTD, np.uint8)).all(1)
             for part in self._unpacked(block) if packed.any() else (block,):
                 if len(part):
                     yield names, part
 
-    def _pieces(self, keep: np.ndarray) -> Iterable[PendingBlock]:
-        """Return the pieces of all files; the files of a split database follow each other."""
-        pieces = (
-            piece._replace(load=partial(_kept, piece.load, index, keep))
-            for source, index in self._sources
-            if keep[index].any()
-            for piece in source.pieces(np.flatnonzero(keep[index]).tolist())
-        )
-        if all(source.sorts for source, _ in self._sources):
-            return sorted(pieces, key=lambda piece: piece.start_ns)
-        return pieces
+    def _in_log_order(self, keep: np.ndarray) -> Iterator[Block]:
+        """Yield the messages of the topics with `keep`; the pieces of files may overlap in time.
 
-    def _in_log_order(self, pieces: Iterable[PendingBlock]) -> Iterator[Block]:
-        """Yield blocks in log order from pieces sorted by their first time, which may overlap."""
-        most = max(self._limit, unpacking.UNPACK_RATIO * self._size)
+        The files of a split database, which has no index, follow each other.
+        """
+        pieces: Iterable[PendingBlock] = (
+            piece for source in self._sources for piece in source.pieces(keep)
+        )
+        if all(source.SORTS for source in self._sources):
+            pieces = sorted(pieces, key=lambda piece: piece.start_ns)
+        most = max(self.limit, unpacking.UNPACK_RATIO * self._size)
         held: Block | None = None
         for start_ns, size, load in pieces:
-            if held is None or not len(held) or held.log_ns[-1] <= start_ns:
-                if held is not None:
-                    yield held
-                held = load()
-                continue
-            cut = int(np.searchsorted(held.log_ns, start_ns, 'right'))
-            yield held.take(slice(0, cut))
-            held = compact(held.take(slice(cut, None)))
-            unpacking.check(
-                f'{self.path}: sorting the messages that overlap in time',
-                2 * (len(held.data) + size),  # these messages, and the same joined
-                most,
-                'needs',
-            )
-            held = join([held, load()]).in_log_order()
+            rest = None
+            if held is not None:
+                cut = int(np.searchsorted(held.log_ns, start_ns, 'right'))
+                yield held.take(slice(cut))
+                rest = compact(held.take(slice(cut, None))) if cut < len(held) else None
+            if rest is not None:
+                unpacking.check(
+                    f'{self.path}: sorting the messages that overlap in time',
+                    2 * (len(rest.data) + size),  # these messages, and the same joined
+                    most,
+                    'needs',
+                )
+            held = load()
+            if not keep[held.topic].all():
+                held = held.take(keep[held.topic])
+            if rest is not None:
+                held = join([rest, held]).in_log_order()
         if held is not None:
             yield held
 
@@ -219,7 +256,7 @@ class Bag:
             raw = view[start:end]
             try:
                 if raw[: len(ZSTD)] == ZSTD:
-                    raw = unpacking.unpack_message(raw, f'{self.path}: a message', self._limit)
+                    raw = unpacking.unpack_message(raw, f'{self.path}: a message', self.limit)
             except ValueError:
                 self.warn(f'{self.path} is damaged: messages that cannot be unpacked are skipped')
                 continue
@@ -330,19 +367,19 @@ class Bag:
                 f'cannot read {file}: {f"it is {link}" if link else whole_file.NOT_A_FILE}'
             )
         if log_file.is_log(file):
-            self._add(log_file.LogFile(file, self._columns, self.warn))
+            self._add(log_file.LogFile(file, self, self._columns))
             return
         if file.suffix == '.zstd':
             folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix='bag'))
             packed, file = file, Path(folder, file.stem)
-            unpacking.unpack_file(packed, file, self._limit)
+            unpacking.unpack_file(packed, file, self.limit)
         with open(file, 'rb') as stream:
             start = stream.read(16)
         self._size += file.stat().st_size
         if start.startswith(b'SQLite format 3\0'):
-            self._add(sqlite_file.SqliteFile(file, self.warn))
+            self._add(sqlite_file.SqliteFile(file, self))
         elif start.startswith(b'\x89MCAP0\r\n'):
-            self._add(mcap_file.McapFile(file, self.warn, self._limit))
+            self._add(mcap_file.McapFile(file, self))
         elif start.startswith(b'#ROSBAG'):
             raise UserError(
                 f"{file} is a bag of ROS 1: convert it with 'rosbags-convert --src {file.name} "
@@ -353,24 +390,22 @@ class Bag:
         else:
             raise UserError(f'{file} is not a bag: it is neither MCAP nor sqlite3')
 
-    def _add(self, source: BagFile) -> None:
+    def _add(self, source: LogFile | McapFile | SqliteFile) -> None:
         self._stack.callback(source.close)
-        index = np.array([self._index(topic) for topic in source.topics], np.int64)
-        self._sources.append((source, index))
+        self._sources.append(source)
 
-    def _index(self, topic: Topic) -> int:
-        """Add a topic, or the messages of a known one, and return its index.
-
-        It is -1 if another type of the same name came before.
-        """
-        topic = replace(topic, type=full_type(topic.type))
+    def number(self, topic: Topic) -> int:
+        """Add the topic of a file, or the messages of a known one, and return its number."""
+        package, slash, short = topic.type.partition('/')
+        if slash and '/' not in short:  # some recorders leave out '/msg/'
+            topic = replace(topic, type=f'{package}/msg/{short}')
         known = self.topics.get(topic.name)
         if known is not None and known.type != topic.type:
             self.warn(
                 f"{self.path}: topic '{topic.name}' has two types, {known.type} and {topic.type}: "
                 'the latter is skipped'
             )
-            return -1
+            return LEFT_OUT
         if known is not None:
             topic = replace(known, count=known.count + topic.count)
         self.topics[topic.name] = topic
@@ -392,20 +427,6 @@ def open_bag(
     UserError : it does not exist, is empty, or is not a bag.
     """
     return Bag(Path(path), unpack_limit, columns)
-
-
-def _kept(load: Callable[[], Block], index: np.ndarray, keep: np.ndarray) -> Block:
-    """Return the messages of a piece that belong to a chosen topic.
-
-    Parameters
-    ----------
-    index : of the topic in the bag, by its place in the file. keep : True for chosen indices.
-    """
-    block = load()
-    topic = index[block.topic]
-    block = replace(block, topic=topic)
-    chosen = keep[topic]
-    return block if chosen.all() else block.take(chosen)
 
 
 def _with(block: Block, good: list[int], raws: list[memoryview]) -> Block:

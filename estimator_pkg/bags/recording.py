@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import streams
-from estimator_pkg.bags.feeding import answers, in_order
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import (
     Series,
@@ -24,7 +23,7 @@ from estimator_pkg.bags.series import (
     series_of,
     why_none,
 )
-from estimator_pkg.bags.wiring import Setup
+from estimator_pkg.bags.wiring import Setup, answers, in_order
 from estimator_pkg.errors import UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import drive_samples

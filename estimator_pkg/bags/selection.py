@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.source import CDR
+from estimator_pkg.bags.reader import CDR, Bag
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.streams.angle import ANGLE_TYPES

@@ -26,6 +26,11 @@ UNPACK_LIMIT = 256 * MIB  # default limit for one unpacked chunk or message [byt
 UNPACK_RATIO = 100  # largest unpacked size of a file over its size, if that is above UNPACK_LIMIT
 PIECE_SIZE = 4 * MIB  # bytes of a file unpacked at a time
 
+REPAIR = (
+    'to repair it, use `mcap recover FILE -o NEW` (.mcap) or '
+    '`sqlite3 FILE .recover | sqlite3 NEW` (.db3)'
+)  # of a file whose recorder was killed
+
 
 class TooLargeError(UserError):
     """Something unpacks to more than the user allows."""
