@@ -21,7 +21,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,35 @@ LISTED = 20  # names in an error
 ROWS = 20_000  # messages of a block
 
 Table = Mapping[str, Callable[[], NDArray[Any]]]  # column name -> reads it
+
+
+class Unit(NamedTuple):
+    """The unit of a kind of columns: its option, its default, those that are known."""
+
+    option: str
+    default: str
+    known: Iterable[str]
+
+    def words(self, name: str) -> str:
+        """Return the option for the unit in a column's name; '' for none, and for the default."""
+        found = IN_NAME.search(name)
+        unit = WRITTEN.get(found[1], found[1]) if found else ''
+        if unit not in self.known or unit == self.default:
+            return ''
+        return f'{self.option} {unit}' + (' --counts N' if unit == COUNT else '')
+
+    def of(self, names: Iterable[str], given: str | None, line: str) -> str:
+        """Return the unit of columns; raise UsageError if a name has another than the default."""
+        for name in names if given is None else ():
+            if words := self.words(name):
+                raise UsageError(
+                    f"'{name}' is in {words.split()[1]}: add {words} (or {self.option} "
+                    f'{self.default}, if the name is wrong), as in: {line} {words}'
+                )
+        return given or self.default
+
+
+OF_TIME, OF_ANGLE = Unit('--time-unit', 's', UNITS), Unit('--unit', 'rad', ANGLE_UNITS)
 
 
 @dataclass(frozen=True)
@@ -118,10 +147,9 @@ def columns(parsed: argparse.Namespace) -> Columns | None:
     angles = tuple(dict.fromkeys(parsed.angle or ()))
     of_logs = {name: getattr(parsed, name) for name in ('time', 'time_unit', 'unit', 'counts')}
     if not logs:
-        for name, value in of_logs.items():
-            if value is not None:
-                option = name.replace('_', '-')
-                raise UsageError(f'--{option} is for logs ({", ".join(SUFFIXES)}): omit it')
+        for name in (name for name, value in of_logs.items() if value is not None):
+            option = name.replace('_', '-')
+            raise UsageError(f'--{option} is for logs ({", ".join(SUFFIXES)}): omit it')
         if len(angles) > 1:
             raise UsageError('--angle: of a bag one TOPIC:FIELD can be read: omit the others')
         parsed.angle = angles[0] if angles else None
@@ -166,7 +194,7 @@ class LogFile:
                     hint = near if 'mean' in near else f'it has {_listing(list(table))}'
                     raise UsageError(f"{path} has no column '{name}': {hint}")
             self._stamps = self._read_stamps(wanted.time, wanted, table[wanted.time]())
-            unit = _unit(wanted.angles, wanted.unit, '--unit', 'rad', ANGLE_UNITS, wanted.line)
+            unit = OF_ANGLE.of(wanted.angles, wanted.unit, wanted.line)
             factor = 2.0 * math.pi / wanted.counts if wanted.counts else ANGLE_UNITS[unit]
             angles = [self._read_angle(name, table[name]()) for name in wanted.angles]
         self._names, self._angles = wanted.angles, factor * np.column_stack(angles)
@@ -177,7 +205,7 @@ class LogFile:
         self._number = bag.number(Topic(TOPIC, TYPE, len(self._stamps)))
 
     def _read_stamps(self, name: str, wanted: Columns, times: NDArray[Any]) -> NDArray[np.int64]:
-        unit = _unit([name], wanted.time_unit, '--time-unit', 's', UNITS, wanted.line)
+        unit = OF_TIME.of([name], wanted.time_unit, wanted.line)
         where = f"{self.path}, column '{name}'"
         latest = 0
         if times.dtype.kind in 'iuf':
@@ -246,55 +274,21 @@ def _without_columns(path: Path, names: list[str], wanted: Columns | None) -> st
     if not names:
         return f'{path} has no columns of numbers: name another'
     line = wanted.line if wanted else f'velocity_estimator replay {shlex.quote(str(path))}'
-    time = wanted.time if wanted else None
+    known = wanted or Columns(line)
+    words, time = [line], known.time
     if not time:
         time = next(filter(TIMES.match, names), names[0])
-        line += f' --time {shlex.quote(time)}'
-        line += _option('--time-unit', _written(time, UNITS), 's')
-    if not (wanted and wanted.angles):
+        words += ['--time', shlex.quote(time), OF_TIME.words(time)]
+    if not known.angles:
         others = [name for name in names if name != time]
         angle = next(filter(ANGLES.match, others), (others or ['ANGLE'])[0])
-        line += f' --angle {shlex.quote(angle)}'
-        if not (wanted and wanted.unit):
-            unit = _written(angle, ANGLE_UNITS)
-            line += _option('--unit', unit, 'rad') + (' --counts N' if unit == COUNT else '')
-    if not wanted:
-        line += ' --out BAG'
-    what = 'name the time and the angles' if wanted else 'a log, not a bag: make one of it'
-    return f'{path} has the columns {_listing(names)}: {what}, as in: {line}'
-
-
-def _option(option: str, unit: str, default: str) -> str:
-    return f' {option} {unit}' if unit not in ('', default) else ''
-
-
-def _written(name: str, known: Iterable[str]) -> str:
-    """Return the unit in the name of a column; '' if there is none that is known."""
-    found = IN_NAME.search(name)
-    unit = WRITTEN.get(found[1], found[1]) if found else ''
-    return unit if unit in known else ''
-
-
-def _unit(
-    names: Iterable[str],
-    given: str | None,
-    option: str,
-    default: str,
-    known: Iterable[str],
-    line: str,
-) -> str:
-    """Return the unit of columns; raise UsageError if a name has another than the default."""
-    if given is not None:
-        return given
-    for name in names:
-        unit = _written(name, known)
-        if unit not in ('', default):
-            counts = ' --counts N' if unit == COUNT else ''
-            raise UsageError(
-                f"'{name}' is in {unit}: add {option} {unit}{counts} (or {option} {default}, if "
-                f'the name is wrong), as in: {line} {option} {unit}{counts}'
-            )
-    return default
+        words += ['--angle', shlex.quote(angle), '' if known.unit else OF_ANGLE.words(angle)]
+    what = 'name the time and the angles'
+    if wanted is None:
+        what, words = 'a log, not a bag: make one of it', [*words, '--out BAG']
+    return (
+        f'{path} has the columns {_listing(names)}: {what}, as in: {" ".join(filter(None, words))}'
+    )
 
 
 # ---- files

@@ -125,9 +125,7 @@ class Recorder:
     """
 
     def __init__(self, here: Live, writer: BagWriter, topics: list[str]) -> None:
-        self._here = here
-        self._writer = writer
-        self._topics = topics
+        self._here, self._writer, self._topics = here, writer, topics
         self._refused: set[str] = set()
         self._first = 0.0  # steady time of the first message [s]
         self.tracks: dict[str, RecordedTopic] = {}
@@ -135,11 +133,10 @@ class Recorder:
     def run(self, duration: float | None) -> None:
         """Record for `duration` [s] from the first message on, or until Ctrl-C."""
         look = flush = 0.0
-        begun = time.monotonic()
+        now = begun = time.monotonic()
         if self._topics:
             show(f'waiting for {", ".join(self._topics)}', file=sys.stderr)
         while not self._here.stopping:
-            now = time.monotonic()
             if now >= look:
                 self._look()
                 look = now + GRAPH_PERIOD
@@ -147,19 +144,19 @@ class Recorder:
                 self._writer.flush()
                 flush = now + FLUSH_PERIOD
             self._take()
+            now = time.monotonic()
             since = self._first or begun + FIRST_MESSAGE_WAIT
             if duration is not None and now - since > duration:
                 break
-            time.sleep(TAKE_PERIOD)
         until = time.monotonic() + LAST_MESSAGES
         while time.monotonic() < until:
             self._take()
-            time.sleep(TAKE_PERIOD)
 
     def _take(self) -> None:
         """Write the messages that came."""
         for track in self.tracks.values():
             executor.take_turn(track.subscription, track.receive, LONGEST_TURN)
+        time.sleep(TAKE_PERIOD)
 
     def _look(self) -> None:
         """Subscribe to new topics, and again where a publisher offers less than those before."""
@@ -167,33 +164,14 @@ class Recorder:
             if name in self._refused or (self._topics and name not in self._topics):
                 continue
             publishers = self._here.node.get_publishers_info_by_topic(name)
-            profiles = dict.fromkeys(live.offered(each.qos_profile) for each in publishers)
-            if name not in self.tracks and (
-                not publishers
-                or not self._declare(
-                    name, types, list(profiles), str(publishers[0].topic_type_hash)
-                )
-            ):
-                continue
-            track = self.tracks[name]
-            track.profiles = list(dict.fromkeys([*track.profiles, *profiles]))
-            qos, old = live.matching(track.profiles), track.qos
-            if old is None:
-                show(f'recording {name} ({types[0]})', file=sys.stderr)
-            elif (qos.reliability, qos.durability) == (old.reliability, old.durability):
-                continue
-            elif track.subscription is not None:
-                show(
-                    f'warning: a publisher of {name} offers less than the others: subscribing '
-                    'again',
-                    file=sys.stderr,
-                )
-                self._take()
-                self._here.node.destroy_subscription(track.subscription)
-            self._subscribe(name, track, qos)
+            if publishers and name not in self.tracks:
+                self._declare(name, types, publishers)
+            if name in self.tracks:
+                profiles = [live.offered(each.qos_profile) for each in publishers]
+                self._subscribe(name, self.tracks[name], profiles)
 
-    def _declare(self, name: str, types: list[str], profiles: list[Qos], type_hash: str) -> bool:
-        """Add a topic to the bag; return False if it cannot be recorded."""
+    def _declare(self, name: str, types: list[str], publishers: list[Any]) -> None:
+        """Add a topic to the bag, or to those that cannot be recorded."""
         kind = message_class(types[0])
         if kind is None or len(types) > 1:
             self._refused.add(name)
@@ -202,16 +180,34 @@ class Recorder:
             if self._topics:
                 raise UserError(f'{name} cannot be recorded: {why}')
             show(f'warning: {name} is not recorded: {why}', file=sys.stderr)
-            return False
+            return
+        profiles = list(dict.fromkeys(live.offered(each.qos_profile) for each in publishers))
+        known = str(publishers[0].topic_type_hash)
         self._writer.add_topic(
-            name, types[0], profiles, type_hash=type_hash if type_hash.startswith('RIHS01_') else ''
+            name, types[0], profiles, type_hash=known if known.startswith('RIHS01_') else ''
         )
         self.tracks[name] = RecordedTopic(kind)
-        return True
+        show(f'recording {name} ({types[0]})', file=sys.stderr)
 
-    def _subscribe(self, name: str, track: RecordedTopic, qos: QoSProfile) -> None:
-        """Subscribe without an executor: `_take` polls, and DDS knows when each message came."""
-        track.qos = qos
+    def _subscribe(self, name: str, track: RecordedTopic, profiles: list[Qos]) -> None:
+        """Subscribe so that all publishers match, if the subscription does not do so already.
+
+        There is no executor: `_take` polls, and DDS knows when each message came.
+        """
+        track.profiles = list(dict.fromkeys([*track.profiles, *profiles]))
+        qos, old = live.matching(track.profiles), track.qos
+        if old is not None and (qos.reliability, qos.durability) == (
+            old.reliability,
+            old.durability,
+        ):
+            return
+        if track.subscription is not None:
+            show(
+                f'warning: a publisher of {name} offers less than the others: subscribing again',
+                file=sys.stderr,
+            )
+            self._take()
+            self._here.node.destroy_subscription(track.subscription)
         subscription = self._here.node.create_subscription(
             track.kind, name, lambda _: None, qos, raw=True
         )
@@ -225,7 +221,7 @@ class Recorder:
             )
             self._first = self._first or time.monotonic()
 
-        track.subscription, track.receive = subscription, receive
+        track.qos, track.subscription, track.receive = qos, subscription, receive
         track.losses.append(counted)
 
 

@@ -191,6 +191,7 @@ def bare(tmp_path_factory):
     [
         (['evaluate', '--observer', 'geso'], 'geso publishes no estimate: '),
         (['replay', '--observer', 'adaptive'], 'has no effort'),
+        (['replay', '--observer', 'adaptive', '--smoothed'], '--smoothed is for observers of'),
         (['replay', '--observer', 'adaptive', '--joint', 'elbow'], "'elbow'; it has joint"),
         (['replay', '--observer', 'switched'], 'with the effort that the model needs'),
         (['evaluate', '--observer', 'pmsm', *settings(*MOTOR)], "has no topic '/drive_samples'"),
