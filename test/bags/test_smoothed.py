@@ -68,7 +68,10 @@ def smoothed_of(stream, found, name='smoothed'):
 def test_each_message_is_answered_once_more_a_lag_later():
     stream = stream_of(smoothing_lag=0.03)
     answered = fed(stream, both(1000))
-    found, deviations = smoothed_of(stream, answered), smoothed_of(stream, answered, 'smoothed_stddev')
+    found, deviations = (
+        smoothed_of(stream, answered),
+        smoothed_of(stream, answered, 'smoothed_stddev'),
+    )
     assert [message.stamp_ns for _, message in found] == [START + k * MS for k in range(970)]
     assert [k for k, _ in found] == [k for k, _ in deviations] == list(range(30, 1000))
     for (k, message), (_, deviation) in zip(found[100:], deviations[100:]):
