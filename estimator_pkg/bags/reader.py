@@ -45,7 +45,6 @@ CDR = 'cdr'
 INFORMATION = 'rosbag2_bagfile_information'
 SUFFIXES = ('.mcap', '.db3', '.zstd')
 ZSTD = b'\x28\xb5\x2f\xfd'  # a compressed message starts with this, CDR with a zero
-LEFT_OUT = -1  # number of a topic that has another type than one of its name before
 
 
 class UnreadableError(UserError):
@@ -205,7 +204,7 @@ class Bag:
         """Yield (names, block): many messages at a time; `block.topic` are indices of `names`."""
         names = list(self.topics)
         chosen = set(names if topics is None else topics)
-        keep = np.array([name in chosen for name in names] + [False])  # the last one for LEFT_OUT
+        keep = np.array([name in chosen for name in names])
         for block in self._in_log_order(keep):
             starts = block.start[block.end - block.start >= len(ZSTD)]
             packed = (rows(block.data, starts, len(ZSTD)) == np.frombuffer(ZSTD, np.uint8)).all(1)
@@ -308,9 +307,11 @@ class Bag:
     def _open_folder(self) -> None:
         problems = []
         for file in self._files():
+            before = dict(self.topics)
             try:
                 self._open_file(file)
             except UserError as error:
+                self.topics = before
                 problems.append(str(error))
         if problems and not self._sources:
             raise UserError(problems[0])
@@ -350,10 +351,7 @@ class Bag:
             return []
         try:
             found = yaml.safe_load(whole_file.read_text(file))[INFORMATION]
-            names = [Path(name).name for name in found['relative_file_paths']]
-            if any(name in ('', '..') or '\0' in name for name in names):
-                raise ValueError('a name of a file is damaged')
-            return names
+            return [Path(name).name for name in found['relative_file_paths']]
         except OSError:
             raise
         except Exception:  # the library may raise anything for a damaged file
@@ -400,13 +398,12 @@ class Bag:
         if slash and '/' not in short:  # some recorders leave out '/msg/'
             topic = replace(topic, type=f'{package}/msg/{short}')
         known = self.topics.get(topic.name)
-        if known is not None and known.type != topic.type:
-            self.warn(
-                f"{self.path}: topic '{topic.name}' has two types, {known.type} and {topic.type}: "
-                'the latter is skipped'
-            )
-            return LEFT_OUT
         if known is not None:
+            if known.type != topic.type:
+                raise UserError(
+                    f"{self.path}: topic '{topic.name}' has two types, {known.type} and "
+                    f'{topic.type}: remove one'
+                )
             topic = replace(known, count=known.count + topic.count)
         self.topics[topic.name] = topic
         return list(self.topics).index(topic.name)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -203,20 +203,18 @@ class PositionRecording(Recording):
 
     def split(self, held_out: float) -> tuple[Recording, Recording]:
         """See `Recording`."""
-        parts: tuple[dict[str, Series], ...] = ({}, {})
+        first, rest = {}, {}
         for name, series in self.series.items():
-            count = len(series.stamps_ns)
-            cut = count - round(held_out * count)
-            for part, rows in zip(parts, (slice(cut), slice(cut, None))):
-                part[name] = Series._make(values[rows] for values in series)
-        return replace(self, series=parts[0]), replace(self, series=parts[1])
+            cut = len(series.stamps_ns) - round(held_out * len(series.stamps_ns))
+            first[name], rest[name] = series.take(slice(cut)), series.take(slice(cut, None))
+        return replace(self, series=first), replace(self, series=rest)
 
     def between(self, begin: float, end: float) -> Recording:
         """See `Recording`."""
-        good = [each.stamps_ns[each.stamps_ns > 0] for each in self.series.values()]
-        start = min((int(each[0]) for each in good if len(each)), default=0)
         if not begin and end == np.inf:
             return self
+        good = [each.stamps_ns[each.stamps_ns > 0] for each in self.series.values()]
+        start = min((int(each[0]) for each in good if len(each)), default=0)
         last = start + round(1e9 * end) if end < np.inf else 2**62
         return self.of_stamps(start + round(1e9 * begin), last)
 
@@ -224,10 +222,10 @@ class PositionRecording(Recording):
         """See `Recording`."""
         if first <= 0:
             return self
-        series = {}
-        for name, each in self.series.items():
-            kept = (each.stamps_ns >= first) & (each.stamps_ns <= last)
-            series[name] = Series._make(values[kept] for values in each)
+        series = {
+            name: each.take((each.stamps_ns >= first) & (each.stamps_ns <= last))
+            for name, each in self.series.items()
+        }
         return replace(self, series=series)
 
     def by_joint(self) -> Mapping[str | None, Recording]:
@@ -279,22 +277,23 @@ class MessageRecording(Recording):
     def split(self, held_out: float) -> tuple[Recording, Recording]:
         """See `Recording`. Observers that learn run through the first part before the last."""
         left = self.size() - round(held_out * self.size())
-        first = []
-        for names, block in self.blocks:
-            cut = min(left, len(block))
-            left -= cut
-            if cut:
-                first.append((names, compact(block.take(slice(cut)))))
-        return replace(self, blocks=tuple(first)), self
+        rows = []
+        for _, block in self.blocks:
+            rows.append(slice(max(left, 0)))
+            left -= len(block)
+        return self._part(rows), self
 
     def between(self, begin: float, end: float) -> Recording:
         """See `Recording`; the times are those of the recorder."""
         start = int(self.blocks[0][1].log_ns[0]) if self.blocks else 0
-        kept = []
-        for names, block in self.blocks:
-            time = (block.log_ns - start) * 1e-9
-            kept.append((names, compact(block.take((time >= begin) & (time <= end)))))
-        return replace(self, blocks=tuple(each for each in kept if len(each[1])))
+        times = [(block.log_ns - start) * 1e-9 for _, block in self.blocks]
+        return self._part([(time >= begin) & (time <= end) for time in times])
+
+    def _part(self, rows: Sequence[NDArray[np.bool_] | slice]) -> Recording:
+        """Return these rows of the blocks."""
+        parts = [(names, block.take(each)) for (names, block), each in zip(self.blocks, rows)]
+        kept = tuple((names, compact(block)) for names, block in parts if len(block))
+        return replace(self, blocks=kept)
 
     def by_joint(self) -> Mapping[str | None, Recording]:
         """See `Recording`."""
