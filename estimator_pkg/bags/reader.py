@@ -141,6 +141,10 @@ class Bag:
         """Number of messages in the bag."""
         return sum(topic.count for topic in self.topics.values())
 
+    def has(self, topic: str) -> bool:
+        """Return True if the topic has messages."""
+        return topic in self.topics and self.topics[topic].count > 0
+
     def require(self, topic: str, types: Sequence[str] = ()) -> Topic:
         """Return the topic called `topic`.
 

@@ -78,18 +78,16 @@ class Setup:
         stream = streams.named(self.kind).of(self.values)
         stream.topics = [topic.name if topic else '' for topic in self.ports]
         stream.history = {}
-        measurement = self.ports[0]
-        if self.path and measurement is not None:
-            definition = fields_of(measurement.type, measurement.definition)
-            stream.read_field(Field(definition, measurement.type, self.path))
         for number, (port, topic) in enumerate(zip(stream.inputs, self.ports)):
-            if number and port.field:
-                if topic is None:
-                    named = 'sources' in self.values
-                    remedy = "omit it in 'sources'" if named else "unset 'gyro_topic'"
-                    raise UsageError(f"'{port.topic}' is not in the bag: {remedy}")
-                definition = fields_of(topic.type, topic.definition)
-                stream.read_field(Field(definition, topic.type, port.field), number)
+            path = port.field if number else self.path
+            if not path:
+                continue
+            if topic is None:
+                named = 'sources' in self.values
+                remedy = "omit it in 'sources'" if named else "unset 'gyro_topic'"
+                raise UsageError(f"'{port.topic}' is not in the bag: {remedy}")
+            definition = fields_of(topic.type, topic.definition)
+            stream.read_field(Field(definition, topic.type, path), number)
         return stream
 
 
@@ -106,7 +104,7 @@ def wired(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Re
             raise UsageError(f"--angle '{request.angle}' is incomplete: write it as TOPIC:FIELD")
         if request.measurement:
             raise UsageError('--angle and --measurement are both given: omit one')
-    values = stream.requested(dict(values), request, lambda name: _has(bag, name))
+    values = stream.requested(dict(values), request, bag.has)
     inputs = stream.of(values).inputs
     named = topic or request.measurement
     if request.measurement and len([port for port in inputs if port.answered]) > 1:
@@ -115,26 +113,17 @@ def wired(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Re
             + ' and '.join(port.in_bag for port in inputs if port.answered)
         )
     first = inputs[0]
-    if first.field:
-        measurement, path = bag.require(named or first.in_bag, [first.type]), first.field
-    elif first.type == JOINT_STATE:
+    if first.type == JOINT_STATE and not first.field:
         measurement = bag.topics[measurement_topic(bag, named)]
-    elif first.any_number:
-        measurement, path = bag.require(named or first.in_bag), path or DATA
     else:
-        measurement = bag.require(named or first.in_bag, [first.type])
+        any_type = first.any_number and not first.field
+        measurement = bag.require(named or first.in_bag, () if any_type else [first.type])
+        path = first.field or path or (DATA if any_type else '')
     others = [
-        bag.require(port.in_bag, [port.type])
-        if not port.optional or _has(bag, port.in_bag)
-        else None
+        bag.require(port.in_bag, [port.type]) if not port.optional or bag.has(port.in_bag) else None
         for port in inputs[1:]
     ]
     return Setup(stream.KIND, values, (measurement, *others), path)
-
-
-def _has(bag: Bag, name: str) -> bool:
-    found = bag.topics.get(name)
-    return found is not None and bool(found.count)
 
 
 def requested(
@@ -167,7 +156,7 @@ def requested(
                 return stream
     joints = bool(measured_topics(bag, empty=True))
     return next(
-        (stream for stream in known if stream.recognises(lambda name: _has(bag, name), joints)),
+        (stream for stream in known if stream.recognises(bag.has, joints)),
         streams.named(streams.USUAL),
     )
 

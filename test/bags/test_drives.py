@@ -141,26 +141,6 @@ def test_replay_finds_the_input_and_evaluate_the_truth(tmp_path, capsys):
     assert '/pmsm_observer/estimate' in said and 'motor_electrical' in said
 
 
-@pytest.mark.parametrize(
-    ('words', 'said'),
-    [
-        ('--observer pmsm', 'pmsm needs the motor data resistance, inductance, flux, pole_pairs'),
-        ('--set resistance=0', "'resistance' = 0 is outside"),
-        ('--set pole_pairs=2.5', 'whole number'),
-        ('--set resistanse=1', "did you mean 'resistance'?"),
-        ('--measurement /nothing', '/nothing'),
-        ('--set input=current_voltage', '/current'),
-        ('--angle /a:b', '--angle'),
-        ('--joint a --joint b', 'one joint'),
-    ],
-)
-def test_wrong_use_is_one_line(words, said, capsys):
-    params = [] if words.startswith('--observer') else PARAMS
-    assert cli.main(['replay', str(BAGS / 'drive_profile'), *params, *words.split()]) in (1, 2)
-    (line,) = capsys.readouterr().err.splitlines()
-    assert said in line
-
-
 def test_time_has_no_end_and_the_first_messages_do_not_depend_on_it():
     parameters = PmsmSimulatorParameters(overtaken=0.3, repeated=0.3)
     chunks = SIMULATOR.generate(parameters, math.inf, 5)

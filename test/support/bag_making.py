@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import resource
 import shutil
+from contextlib import contextmanager
 from pathlib import Path
 
 import yaml
@@ -140,6 +142,17 @@ def split(path: Path, messages, make, parts: int = 3) -> Path:
         )
     )
     return path
+
+
+@contextmanager
+def no_file_above(size: int):
+    """Within the block a file that grows beyond this many bytes is an OSError."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def opened_by_others(path: Path) -> list[tuple[str, int, bytes]]:
