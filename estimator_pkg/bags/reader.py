@@ -253,10 +253,10 @@ class Bag:
         """Yield messages of which some are compressed one by one, a few MB at a time."""
         view = block.data.data
         good: list[int] = []
-        raws: list[memoryview] = []
+        raws: list[bytes | memoryview] = []
         size = 0
         for row, (start, end) in enumerate(zip(block.start.tolist(), block.end.tolist())):
-            raw = view[start:end]
+            raw: bytes | memoryview = view[start:end]
             try:
                 if raw[: len(ZSTD)] == ZSTD:
                     raw = unpacking.unpack_message(raw, f'{self.path}: a message', self.limit)
@@ -430,7 +430,7 @@ def open_bag(
     return Bag(Path(path), unpack_limit, columns)
 
 
-def _with(block: Block, good: list[int], raws: list[memoryview]) -> Block:
+def _with(block: Block, good: list[int], raws: list[bytes | memoryview]) -> Block:
     """Return these messages of a block with other bytes."""
     taken = block.take(np.array(good, np.int64))
     return from_messages(taken.topic, taken.log_ns, taken.publish_ns, raws)

@@ -154,7 +154,7 @@ def with_a_loop_of_pages(path, kind, size):
         (with_a_chunk_that_lies, 'lz4 without its size'),
         (with_a_loop_of_pages, 'sqlite3'),
         (with_tiny_messages, 'zstd'),
-        (with_message, 'zstd without its size'),
+        (with_message, 'zstd'),
         (overlapping, ''),
     ],
 )
