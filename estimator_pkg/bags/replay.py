@@ -9,15 +9,16 @@ import argparse
 import re
 import sys
 import time
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from typing import Any
 
 import numpy as np
 
-from estimator_pkg import interrupts
+from estimator_pkg import interrupts, params_file, streams
 from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
-from estimator_pkg.bags.wiring import Setup, answers, in_order, parameters, requested, wired
+from estimator_pkg.bags.selection import measured_topics
+from estimator_pkg.bags.wiring import Setup, answers, in_order, parameters, wired
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError
@@ -26,7 +27,7 @@ from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
-from estimator_pkg.streams.contract import Request
+from estimator_pkg.streams.contract import Request, Stream
 from estimator_pkg.streams.history import GAP
 
 qos = Lazy('estimator_pkg.bags.qos')
@@ -180,12 +181,34 @@ def _setup(bag: Bag, parsed: argparse.Namespace, columns: log_file.Columns | Non
     UserError, UsageError : something does not exist, or a parameter is wrong.
     """
     assignments = parse_assignments(parsed.set)
-    stream = requested(bag, parsed.observer, parsed.params, assignments, parsed.name)
+    stream = _stream(bag, parsed, assignments)
     values = parameters(stream, parsed.params, assignments, parsed.observer, parsed.name)
     if columns is not None and columns.prismatic and stream.WRAPS:
         values.setdefault('wrap_period', 0.0)
     return wired(
         stream, bag, values, Request(parsed.measurement, parsed.angle, tuple(parsed.joint))
+    )
+
+
+def _stream(bag: Bag, parsed: argparse.Namespace, assignments: dict[str, Any]) -> type[Stream]:
+    """Return the stream of the observer that is named, else of the file, else of the topics."""
+    named = parsed.observer or assignments.get('observer')
+    if isinstance(named, str):
+        return streams.of_observer(named)
+    known = streams.every()
+    if parsed.params:
+        for stream in known:
+            with suppress(UsageError):  # reported when the file is used
+                section = params_file.load(parsed.params, parsed.name or stream.NODE)
+                if isinstance(section.get('observer'), str):
+                    return streams.of_observer(section['observer'])
+        sections = params_file.section_names(parsed.params)
+        if of_file := [stream for stream in known if stream.NODE in sections]:
+            return of_file[0]
+    joints = bool(measured_topics(bag, empty=True))
+    return next(
+        (stream for stream in known if stream.recognises(bag.has, joints)),
+        streams.named(streams.USUAL),
     )
 
 

@@ -94,7 +94,7 @@ def unpack(packed: bytes | memoryview, compression: str, most: int) -> NDArray[n
     return data[:done]
 
 
-def unpack_message(packed: memoryview, what: str, limit: int) -> bytes:
+def unpack_message(packed: bytes | memoryview, what: str, limit: int) -> bytes:
     """Return a message that was compressed on its own.
 
     Raises

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from estimator_pkg import params_file, streams
 from estimator_pkg.bags.definitions import fields_of
 from estimator_pkg.bags.reader import Bag, Topic
-from estimator_pkg.bags.selection import measured_topics, measurement_topic
+from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.errors import UsageError, plainly
 from estimator_pkg.messages.block import Block, compact, join
 from estimator_pkg.messages.field import Field
@@ -124,41 +123,6 @@ def wired(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Re
         for port in inputs[1:]
     ]
     return Setup(stream.KIND, values, (measurement, *others), path)
-
-
-def requested(
-    bag: Bag,
-    observer: str | None,
-    params: str | None,
-    values: dict[str, Any],
-    node: str | None = None,
-) -> type[Stream]:
-    """Return the requested stream: by observer or parameters, else by the bag's topics.
-
-    Parameters
-    ----------
-    params, values : parameter file, and parameters set on the command line.
-    node : name of the node whose section of the file is used; None: the stream's own.
-    """
-    named = observer or values.get('observer')
-    if isinstance(named, str):
-        return streams.of_observer(named)
-    known = streams.every()
-    if params:
-        sections = params_file.section_names(params)
-        for stream in known:
-            with suppress(UsageError):  # reported when the file is used
-                section = params_file.load(params, node or stream.NODE)
-                if isinstance(section.get('observer'), str):
-                    return streams.of_observer(section['observer'])
-        for stream in known:
-            if stream.NODE in sections:
-                return stream
-    joints = bool(measured_topics(bag, empty=True))
-    return next(
-        (stream for stream in known if stream.recognises(bag.has, joints)),
-        streams.named(streams.USUAL),
-    )
 
 
 def parameters(
