@@ -147,9 +147,9 @@ def columns(parsed: argparse.Namespace) -> Columns | None:
     angles = tuple(dict.fromkeys(parsed.angle or ()))
     of_logs = {name: getattr(parsed, name) for name in ('time', 'time_unit', 'unit', 'counts')}
     if not logs:
-        for name in (name for name, value in of_logs.items() if value is not None):
-            option = name.replace('_', '-')
-            raise UsageError(f'--{option} is for logs ({", ".join(SUFFIXES)}): omit it')
+        wrong = [name.replace('_', '-') for name, value in of_logs.items() if value is not None]
+        if wrong:
+            raise UsageError(f'--{wrong[0]} is for logs ({", ".join(SUFFIXES)}): omit it')
         if len(angles) > 1:
             raise UsageError('--angle: of a bag one TOPIC:FIELD can be read: omit the others')
         parsed.angle = angles[0] if angles else None

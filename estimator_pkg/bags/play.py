@@ -116,18 +116,18 @@ class Player:
 
     def wait(self) -> None:
         """Wait until every topic has a subscription, or no more appear."""
-        begun = changed = time.monotonic()
-        before = 0
-        while not self._here.stopping and time.monotonic() < begun + SUBSCRIPTION_WAIT:
-            matched = sum(each.get_subscription_count() > 0 for each in self._publishers.values())
-            if matched != before:
-                before, changed = matched, time.monotonic()
-            paused = matched and time.monotonic() > changed + MATCHING_PAUSE
-            if paused or matched == len(self._publishers):
-                time.sleep(HANDSHAKE)
+        until, matched = time.monotonic() + SUBSCRIPTION_WAIT, 0
+        while matched < len(self._publishers) and time.monotonic() < until:
+            if self._here.stopping:
                 return
+            before, publishers = matched, self._publishers.values()
+            matched = sum(each.get_subscription_count() > 0 for each in publishers)
+            if matched != before:
+                until = time.monotonic() + MATCHING_PAUSE
             time.sleep(0.02)
-        if not before and not self._here.stopping:
+        if matched:
+            time.sleep(HANDSHAKE)
+        else:
             print(
                 f'no subscription within {SUBSCRIPTION_WAIT:g} s: playing without', file=sys.stderr
             )

@@ -325,22 +325,18 @@ class Bag:
     def _files(self) -> list[Path]:
         """Return the files of the folder: those that its metadata list, else those it has."""
         listed = self._listed()
-        missing = [name for name in listed if not (self.path / name).is_file()]
-        if len(missing) < len(listed):
-            if missing:
-                self.warn(
-                    f'{self.path}: {", ".join(missing)}, listed in {METADATA}, is missing: '
-                    'its messages are skipped'
-                )
-            return [self.path / name for name in listed if name not in missing]
+        found = [self.path / name for name in listed if (self.path / name).is_file()]
+        missing = ', '.join(name for name in listed if self.path / name not in found)
+        missing += f', listed in {METADATA}, is missing' if missing else ''
+        if found and missing:
+            self.warn(f'{self.path}: {missing}: its messages are skipped')
+        if found:
+            return found
         there = [file for file in self.path.iterdir() if file.suffix in SUFFIXES]
         there.sort(key=lambda file: (len(file.name), file.name))  # bag_10 after bag_9
         if not there:
-            raise UserError(
-                f'{self.path}: {missing[0]}, listed in {METADATA}, is missing'
-                if missing
-                else f'{self.path} is not a bag: it has no {METADATA} and no .mcap or .db3 files'
-            )
+            none = f'is not a bag: it has no {METADATA} and no .mcap or .db3 files'
+            raise UserError(f'{self.path}: {missing}' if missing else f'{self.path} {none}')
         if not (self.path / METADATA).exists():
             self.warn(
                 f'{self.path} has no {METADATA} (was its recorder killed?): '
