@@ -9,8 +9,8 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
@@ -22,7 +22,6 @@ from estimator_pkg.printable import show
 from estimator_pkg.ros.message_class import message_class
 
 if TYPE_CHECKING:
-    from rclpy.qos import QoSProfile
     from rclpy.subscription import Subscription
     from rosbags.interfaces import Qos
 
@@ -88,7 +87,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                     else 'no topic had messages'
                 )
             )
-    lost = {name: track.lost for name, track in recorder.tracks.items()}
+    lost = {
+        name: sum(each.count for each in track.losses) for name, track in recorder.tracks.items()
+    }
     show(f'{parsed.out}:')
     for name, count in counts.items():
         show(f'  {name}  {count} messages' + (f', {lost[name]} lost' if lost[name] else ''))
@@ -99,21 +100,15 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 class RecordedTopic:
     """A topic that is being recorded.
 
-    kind : class of its messages. profiles : all that its publishers offered. qos : of the
-    subscription. losses : of this subscription and of those before it.
+    kind : class of its messages. profiles : all that its publishers offered. losses : of its
+    subscription, and of those before it.
     """
 
+    name: str
     kind: Any
     profiles: list[Qos] = field(default_factory=list)
-    qos: QoSProfile | None = None
     subscription: Subscription | None = None
-    receive: Callable[[bytes, Any], None] | None = None
     losses: list[Loss] = field(default_factory=list)
-
-    @property
-    def lost(self) -> int:
-        """Number of messages lost between publisher and recorder."""
-        return sum(each.count for each in self.losses)
 
 
 class Recorder:
@@ -155,8 +150,15 @@ class Recorder:
     def _take(self) -> None:
         """Write the messages that came."""
         for track in self.tracks.values():
-            executor.take_turn(track.subscription, track.receive, LONGEST_TURN)
+            executor.take_turn(track.subscription, partial(self._receive, track), LONGEST_TURN)
         time.sleep(TAKE_PERIOD)
+
+    def _receive(self, track: RecordedTopic, raw: bytes, info: Any) -> None:
+        track.losses[-1].saw(info['publication_sequence_number'])
+        now = time.time_ns()
+        log_ns, publish_ns = info['received_timestamp'] or now, info['source_timestamp'] or now
+        self._writer.write(track.name, log_ns, raw, publish_ns)
+        self._first = self._first or time.monotonic()
 
     def _look(self) -> None:
         """Subscribe to new topics, and again where a publisher offers less than those before."""
@@ -168,7 +170,7 @@ class Recorder:
                 self._declare(name, types, publishers)
             if name in self.tracks:
                 profiles = [live.offered(each.qos_profile) for each in publishers]
-                self._subscribe(name, self.tracks[name], profiles)
+                self._subscribe(self.tracks[name], profiles)
 
     def _declare(self, name: str, types: list[str], publishers: list[Any]) -> None:
         """Add a topic to the bag, or to those that cannot be recorded."""
@@ -186,43 +188,31 @@ class Recorder:
         self._writer.add_topic(
             name, types[0], profiles, type_hash=known if known.startswith('RIHS01_') else ''
         )
-        self.tracks[name] = RecordedTopic(kind)
+        self.tracks[name] = RecordedTopic(name, kind)
         show(f'recording {name} ({types[0]})', file=sys.stderr)
 
-    def _subscribe(self, name: str, track: RecordedTopic, profiles: list[Qos]) -> None:
+    def _subscribe(self, track: RecordedTopic, profiles: list[Qos]) -> None:
         """Subscribe so that all publishers match, if the subscription does not do so already.
 
         There is no executor: `_take` polls, and DDS knows when each message came.
         """
+        old = live.matching(track.profiles)
         track.profiles = list(dict.fromkeys([*track.profiles, *profiles]))
-        qos, old = live.matching(track.profiles), track.qos
-        if old is not None and (qos.reliability, qos.durability) == (
-            old.reliability,
-            old.durability,
-        ):
-            return
+        qos = live.matching(track.profiles)
         if track.subscription is not None:
+            if (qos.reliability, qos.durability) == (old.reliability, old.durability):
+                return
             show(
-                f'warning: a publisher of {name} offers less than the others: subscribing again',
+                f'warning: a publisher of {track.name} offers less than the others: subscribing '
+                'again',
                 file=sys.stderr,
             )
             self._take()
             self._here.node.destroy_subscription(track.subscription)
-        subscription = self._here.node.create_subscription(
-            track.kind, name, lambda _: None, qos, raw=True
+        track.subscription = self._here.node.create_subscription(
+            track.kind, track.name, lambda _: None, qos, raw=True
         )
-        counted = loss.Loss(subscription.get_publisher_count)
-
-        def receive(raw: bytes, info: Any) -> None:
-            counted.saw(info['publication_sequence_number'])
-            now = time.time_ns()
-            self._writer.write(
-                name, info['received_timestamp'] or now, raw, info['source_timestamp'] or now
-            )
-            self._first = self._first or time.monotonic()
-
-        track.qos, track.subscription, track.receive = qos, subscription, receive
-        track.losses.append(counted)
+        track.losses.append(loss.Loss(track.subscription.get_publisher_count))
 
 
 COMMAND = Command(
