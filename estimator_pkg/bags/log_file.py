@@ -21,12 +21,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.source import PendingBlock, Topic
+from estimator_pkg.bags.reader import Bag, PendingBlock, Topic
 from estimator_pkg.errors import UsageError, UserError, first_line, suggestion
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.cdr import LATEST
@@ -52,6 +52,35 @@ LISTED = 20  # names in an error
 ROWS = 20_000  # messages of a block
 
 Table = Mapping[str, Callable[[], NDArray[Any]]]  # column name -> reads it
+
+
+class Unit(NamedTuple):
+    """The unit of a kind of columns: its option, its default, those that are known."""
+
+    option: str
+    default: str
+    known: Iterable[str]
+
+    def words(self, name: str) -> str:
+        """Return the option for the unit in a column's name; '' for none, and for the default."""
+        found = IN_NAME.search(name)
+        unit = WRITTEN.get(found[1], found[1]) if found else ''
+        if unit not in self.known or unit == self.default:
+            return ''
+        return f'{self.option} {unit}' + (' --counts N' if unit == COUNT else '')
+
+    def of(self, names: Iterable[str], given: str | None, line: str) -> str:
+        """Return the unit of columns; raise UsageError if a name has another than the default."""
+        for name in names if given is None else ():
+            if words := self.words(name):
+                raise UsageError(
+                    f"'{name}' is in {words.split()[1]}: add {words} (or {self.option} "
+                    f'{self.default}, if the name is wrong), as in: {line} {words}'
+                )
+        return given or self.default
+
+
+OF_TIME, OF_ANGLE = Unit('--time-unit', 's', UNITS), Unit('--unit', 'rad', ANGLE_UNITS)
 
 
 @dataclass(frozen=True)
@@ -118,10 +147,9 @@ def columns(parsed: argparse.Namespace) -> Columns | None:
     angles = tuple(dict.fromkeys(parsed.angle or ()))
     of_logs = {name: getattr(parsed, name) for name in ('time', 'time_unit', 'unit', 'counts')}
     if not logs:
-        for name, value in of_logs.items():
-            if value is not None:
-                option = name.replace('_', '-')
-                raise UsageError(f'--{option} is for logs ({", ".join(SUFFIXES)}): omit it')
+        wrong = [name.replace('_', '-') for name, value in of_logs.items() if value is not None]
+        if wrong:
+            raise UsageError(f'--{wrong[0]} is for logs ({", ".join(SUFFIXES)}): omit it')
         if len(angles) > 1:
             raise UsageError('--angle: of a bag one TOPIC:FIELD can be read: omit the others')
         parsed.angle = angles[0] if angles else None
@@ -141,22 +169,21 @@ def columns(parsed: argparse.Namespace) -> Columns | None:
 
 
 class LogFile:
-    """A log as the file of a bag, see `estimator_pkg.bags.source`.
+    """A log as the file of a bag, see `estimator_pkg.bags.reader`.
 
     Parameters
     ----------
     wanted : its columns; None: those of a command that reads bags only.
-    warn : reports cells that are no numbers.
 
     Raises
     ------
     UserError, UsageError : it cannot be read, or has no such columns.
     """
 
-    sorts = True
+    SORTS = True
 
-    def __init__(self, path: Path, wanted: Columns | None, warn: Callable[[str], None]) -> None:
-        self.path = path
+    def __init__(self, path: Path, bag: Bag, wanted: Columns | None) -> None:
+        self.path, self._bag = path, bag
         with _readable(path):
             table = _table(path)
             if wanted is None or not (wanted.time and wanted.angles):
@@ -167,18 +194,18 @@ class LogFile:
                     hint = near if 'mean' in near else f'it has {_listing(list(table))}'
                     raise UsageError(f"{path} has no column '{name}': {hint}")
             self._stamps = self._read_stamps(wanted.time, wanted, table[wanted.time]())
-            unit = _unit(wanted.angles, wanted.unit, '--unit', 'rad', ANGLE_UNITS, wanted.line)
+            unit = OF_ANGLE.of(wanted.angles, wanted.unit, wanted.line)
             factor = 2.0 * math.pi / wanted.counts if wanted.counts else ANGLE_UNITS[unit]
-            angles = [self._read_angle(name, table[name](), warn) for name in wanted.angles]
+            angles = [self._read_angle(name, table[name]()) for name in wanted.angles]
         self._names, self._angles = wanted.angles, factor * np.column_stack(angles)
         if not np.isfinite(self._angles).any():
             raise UserError(
                 f"{path}: column '{wanted.angles[0]}' has no number: name another with --angle"
             )
-        self.topics = [Topic(TOPIC, TYPE, len(self._stamps))]
+        self._number = bag.number(Topic(TOPIC, TYPE, len(self._stamps)))
 
     def _read_stamps(self, name: str, wanted: Columns, times: NDArray[Any]) -> NDArray[np.int64]:
-        unit = _unit([name], wanted.time_unit, '--time-unit', 's', UNITS, wanted.line)
+        unit = OF_TIME.of([name], wanted.time_unit, wanted.line)
         where = f"{self.path}, column '{name}'"
         latest = 0
         if times.dtype.kind in 'iuf':
@@ -196,9 +223,7 @@ class LogFile:
             raise UsageError(f'{where} has no time: name another with --time')
         return stamps
 
-    def _read_angle(
-        self, name: str, values: NDArray[Any], warn: Callable[[str], None]
-    ) -> NDArray[np.float64]:
+    def _read_angle(self, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
         if values.shape != self._stamps.shape:
             raise UsageError(
                 f"{self.path}: column '{name}' has {len(values)} rows, the time "
@@ -207,28 +232,26 @@ class LogFile:
         numbers = values.astype(np.float64)
         missing = int(np.count_nonzero(np.isnan(numbers)))
         if missing:
-            warn(
+            self._bag.warn(
                 f"{self.path}: {missing} of {len(numbers)} cells of column '{name}' are no numbers "
                 'and are dropped'
             )
         return numbers
 
-    def pieces(self, places: Sequence[int]) -> Iterable[PendingBlock]:
-        """Return the messages, in the order of the rows; none is recorded before another."""
-        encoder, log_ns = Encoder(), _increasing(self._stamps)
+    def pieces(self, keep: np.ndarray) -> Iterator[PendingBlock]:
+        """Yield the messages, in the order of the rows; none is recorded before another."""
+        log_ns = _increasing(self._stamps)
         for first in range(0, len(self._stamps), ROWS):
             rows = slice(first, first + ROWS)
-
-            def load(rows: slice = rows) -> Block:
-                raw = encode_block(encoder, self._stamps[rows], '', self._names, self._angles[rows])
-                count, size = raw.shape
-                start = size * np.arange(count)
-                times = log_ns[rows]
-                return Block(
-                    np.zeros(count, np.int64), times, times, raw.ravel(), start, start + size
-                )
-
+            load = partial(self._load, rows, log_ns[rows])
             yield PendingBlock(int(log_ns[first]), self._angles[rows].nbytes, load)
+
+    def _load(self, rows: slice, log_ns: NDArray[np.int64]) -> Block:
+        raw = encode_block(Encoder(), self._stamps[rows], '', self._names, self._angles[rows])
+        count, size = raw.shape
+        start = size * np.arange(count)
+        topic = np.full(count, self._number)
+        return Block(topic, log_ns, log_ns, raw.ravel(), start, start + size)
 
     def close(self) -> None:
         """Do nothing: everything is in memory."""
@@ -251,55 +274,21 @@ def _without_columns(path: Path, names: list[str], wanted: Columns | None) -> st
     if not names:
         return f'{path} has no columns of numbers: name another'
     line = wanted.line if wanted else f'velocity_estimator replay {shlex.quote(str(path))}'
-    time = wanted.time if wanted else None
+    known = wanted or Columns(line)
+    words, time = [line], known.time
     if not time:
         time = next(filter(TIMES.match, names), names[0])
-        line += f' --time {shlex.quote(time)}'
-        line += _option('--time-unit', _written(time, UNITS), 's')
-    if not (wanted and wanted.angles):
+        words += ['--time', shlex.quote(time), OF_TIME.words(time)]
+    if not known.angles:
         others = [name for name in names if name != time]
         angle = next(filter(ANGLES.match, others), (others or ['ANGLE'])[0])
-        line += f' --angle {shlex.quote(angle)}'
-        if not (wanted and wanted.unit):
-            unit = _written(angle, ANGLE_UNITS)
-            line += _option('--unit', unit, 'rad') + (' --counts N' if unit == COUNT else '')
-    if not wanted:
-        line += ' --out BAG'
-    what = 'name the time and the angles' if wanted else 'a log, not a bag: make one of it'
-    return f'{path} has the columns {_listing(names)}: {what}, as in: {line}'
-
-
-def _option(option: str, unit: str, default: str) -> str:
-    return f' {option} {unit}' if unit not in ('', default) else ''
-
-
-def _written(name: str, known: Iterable[str]) -> str:
-    """Return the unit in the name of a column; '' if there is none that is known."""
-    found = IN_NAME.search(name)
-    unit = WRITTEN.get(found[1], found[1]) if found else ''
-    return unit if unit in known else ''
-
-
-def _unit(
-    names: Iterable[str],
-    given: str | None,
-    option: str,
-    default: str,
-    known: Iterable[str],
-    line: str,
-) -> str:
-    """Return the unit of columns; raise UsageError if a name has another than the default."""
-    if given is not None:
-        return given
-    for name in names:
-        unit = _written(name, known)
-        if unit not in ('', default):
-            counts = ' --counts N' if unit == COUNT else ''
-            raise UsageError(
-                f"'{name}' is in {unit}: add {option} {unit}{counts} (or {option} {default}, if "
-                f'the name is wrong), as in: {line} {option} {unit}{counts}'
-            )
-    return default
+        words += ['--angle', shlex.quote(angle), '' if known.unit else OF_ANGLE.words(angle)]
+    what = 'name the time and the angles'
+    if wanted is None:
+        what, words = 'a log, not a bag: make one of it', [*words, '--out BAG']
+    return (
+        f'{path} has the columns {_listing(names)}: {what}, as in: {" ".join(filter(None, words))}'
+    )
 
 
 # ---- files

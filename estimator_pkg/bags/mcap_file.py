@@ -14,7 +14,8 @@ import mmap
 import struct
 import zlib
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from mcap.records import Channel, Chunk, Schema
 from numpy.typing import NDArray
 
 from estimator_pkg.bags import qos, unpacking
-from estimator_pkg.bags.source import REPAIR, PendingBlock, Topic
+from estimator_pkg.bags.reader import Bag, PendingBlock, Topic
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import Block, rows
 
@@ -44,23 +45,12 @@ WHOLE_FILE = -1  # the place of a file's messages outside of chunks
 
 
 class McapFile:
-    """An MCAP file that is open for reading; see `estimator_pkg.bags.source`.
+    """An MCAP file that is open for reading; raises UserError if it has nothing readable."""
 
-    Parameters
-    ----------
-    limit : bytes that a chunk may unpack to.
+    SORTS = True
 
-    Raises
-    ------
-    UserError : it contains nothing readable.
-    """
-
-    sorts = True
-
-    def __init__(self, path: Path, warn: Callable[[str], None], limit: int) -> None:
-        self.path = path
-        self._warn = warn
-        self._limit = limit
+    def __init__(self, path: Path, bag: Bag) -> None:
+        self._path, self._bag = path, bag
         self._channels: dict[int, Channel] = {}
         self._schemas: dict[int, Schema] = {}
         self._counts: dict[int, int] = {}  # messages by channel
@@ -70,14 +60,16 @@ class McapFile:
             self._summarised = self._has_summary(file)
         if not self._summarised:
             self._scan()
-        self.topics = [self._topic(channel) for channel in self._channels.values()]
+        self._numbers = np.zeros(1 << 16, np.int64)  # of the bag's topics, by channel
+        for channel in self._channels.values():
+            self._numbers[channel.id] = bag.number(self._topic(channel))
 
     def close(self) -> None:
         """Do nothing: the file is unmapped with its last block."""
 
-    def pieces(self, places: Sequence[int]) -> Iterator[PendingBlock]:
-        """Yield all chunks."""
-        yield from self._pieces
+    def pieces(self, keep: np.ndarray) -> list[PendingBlock]:
+        """Return all chunks."""
+        return self._pieces
 
     def _topic(self, channel: Channel) -> Topic:
         schema = self._schemas.get(channel.schema_id)
@@ -110,7 +102,7 @@ class McapFile:
             PendingBlock(
                 each.message_start_time,
                 each.uncompressed_size,
-                partial(self._load, each.chunk_start_offset),
+                partial(self._numbered, each.chunk_start_offset),
             )
             for each in found.chunk_indexes
         ]
@@ -134,16 +126,16 @@ class McapFile:
         for place in [WHOLE_FILE] if loose else places:
             block = self._load(place)
             if len(block):
-                load = partial(self._load, place)
+                load = partial(self._numbered, place)
                 self._pieces.append(PendingBlock(int(block.log_ns[0]), len(block.data), load))
-            for channel, count in zip(self._channels, np.bincount(block.topic).tolist()):
-                self._counts[channel] = self._counts.get(channel, 0) + count
+            for channel, count in zip(*np.unique(block.topic, return_counts=True)):
+                self._counts[channel] = self._counts.get(channel, 0) + int(count)
         if not whole and not self._channels:
-            raise UserError(f'{self.path} ends before its first message: name another file')
+            raise UserError(f'{self._path} ends before its first message: name another file')
         if not whole:
-            self._warn(
-                f'{self.path} ends early (was its recorder killed?): '
-                f'reading the {sum(self._counts.values())} complete messages; {REPAIR}'
+            self._bag.warn(
+                f'{self._path} ends early (was its recorder killed?): '
+                f'reading the {sum(self._counts.values())} complete messages; {unpacking.REPAIR}'
             )
 
     def _learn(self, opcode: int, body: memoryview) -> None:
@@ -157,14 +149,19 @@ class McapFile:
                 channel = Channel.read(stream)
                 self._channels[channel.id] = channel
         except Exception:  # as above
-            self._warn(f'{self.path}: the description of a topic is damaged')
+            self._bag.warn(f'{self._path}: the description of a topic is damaged')
+
+    def _numbered(self, at: int) -> Block:
+        """As `_load`, with the numbers of the bag's topics."""
+        block = self._load(at)
+        return replace(block, topic=self._numbers[block.topic])
 
     def _load(self, at: int) -> Block:
-        """Return the messages of the chunk at this byte that belong to a topic."""
+        """Return the messages of the chunk at this byte; `topic` are channels that are known."""
         if at == WHOLE_FILE:
-            what, data, first = str(self.path), np.frombuffer(self._raw, np.uint8), len(MAGIC)
+            what, data, first = str(self._path), np.frombuffer(self._raw, np.uint8), len(MAGIC)
         else:
-            what, first = f'{self.path}: the chunk at byte {at}', 0
+            what, first = f'{self._path}: the chunk at byte {at}', 0
             data = self._unpacked(at, what)
         starts, shortest = array('q'), MESSAGE.itemsize - RECORD.size
         for opcode, start, end in _records(data.data, first):
@@ -173,7 +170,7 @@ class McapFile:
             elif opcode != Opcode.MESSAGE and not self._summarised:
                 self._learn(opcode, data.data[start:end])
         if at != WHOLE_FILE:  # which is not unpacked
-            unpacking.check(what, len(data) + ARRAY_BYTES * len(starts), self._limit)
+            unpacking.check(what, len(data) + ARRAY_BYTES * len(starts), self._bag.limit)
         return self._block(data, np.frombuffer(starts, np.int64))
 
     def _unpacked(self, at: int, what: str) -> NDArray[np.uint8]:
@@ -186,7 +183,7 @@ class McapFile:
             if opcode != Opcode.CHUNK:
                 raise ValueError('no chunk starts here')
             chunk = Chunk.read(ReadDataStream(io.BytesIO(body)))
-            unpacking.check(what, chunk.uncompressed_size, self._limit)
+            unpacking.check(what, chunk.uncompressed_size, self._bag.limit)
             data = unpacking.unpack(chunk.data, chunk.compression, chunk.uncompressed_size + 1)
             if torn:
                 return data
@@ -199,29 +196,29 @@ class McapFile:
             raise
         except Exception as error:  # as above
             if not torn:
-                self._warn(f'{what} is damaged ({first_line(error)}), its messages are skipped')
+                self._bag.warn(f'{what} is damaged ({first_line(error)}), its messages are skipped')
             return np.zeros(0, np.uint8)
 
     def _block(self, data: NDArray[np.uint8], starts: NDArray[np.int64]) -> Block:
-        """Return the messages of known topics whose records are at these bytes of `data`."""
-        places = np.full(1 << 16, -1)  # in `topics`, by channel
-        places[list(self._channels)] = range(len(self._channels))
+        """Return the messages of known channels whose records are at these bytes of `data`."""
         heads = rows(data, starts, MESSAGE.itemsize).view(MESSAGE)[:, 0]
         log_ns = np.minimum(heads['log_ns'], LATEST_NS).astype(np.int64)
         publish_ns = np.minimum(heads['publish_ns'], LATEST_NS).astype(np.int64)
-        topic = places[heads['channel']]
         block = Block(
-            topic,
+            heads['channel'].astype(np.int64),
             log_ns,
             np.where(publish_ns > 0, publish_ns, log_ns),
             data,
             starts + MESSAGE.itemsize,
             starts + RECORD.size + heads['length'].astype(np.int64),
         )
-        strange = np.count_nonzero(topic < 0)
+        known = np.isin(block.topic, list(self._channels))
+        strange = np.count_nonzero(~known)
         if strange:
-            self._warn(f'{self.path} is damaged: {strange} messages have no topic and are skipped')
-            block = block.take(topic >= 0)
+            self._bag.warn(
+                f'{self._path} is damaged: {strange} messages have no topic and are skipped'
+            )
+            block = block.take(known)
         return block.in_log_order()
 
 

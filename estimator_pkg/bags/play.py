@@ -12,8 +12,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.reader import Bag, open_bag
-from estimator_pkg.bags.source import CDR
+from estimator_pkg.bags.reader import CDR, Bag, open_bag
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.optional import Lazy
@@ -86,10 +85,9 @@ class Player:
 
     def __init__(self, here: Live, bag: Bag, rate: float, clock: bool) -> None:
         from rclpy.exceptions import InvalidTopicNameException
-        from rclpy.qos import ReliabilityPolicy
+        from rosgraph_msgs.msg import Clock
 
         self._here, self._bag, self._rate = here, bag, rate
-        self._best_effort = False
         self._publishers: dict[str, Publisher] = {}
         for topic in bag.topics.values():
             if not topic.count or (topic.name == CLOCK and clock):
@@ -100,44 +98,36 @@ class Player:
             elif kind is None:
                 why = f'its type {topic.type} is not installed'
             else:
-                profile = live.matching(topic.qos)
                 try:
-                    publisher = here.node.create_publisher(kind, topic.name, profile)
+                    self._publishers[topic.name] = here.node.create_publisher(
+                        kind, topic.name, live.matching(topic.qos)
+                    )
+                    continue
                 except InvalidTopicNameException:
                     why = 'its name is not valid in ROS 2'
-                else:
-                    self._publishers[topic.name] = publisher
-                    self._best_effort |= profile.reliability == ReliabilityPolicy.BEST_EFFORT
-                    continue
             bag.warn(f'{topic.name} is not played: {why}')
         if not self._publishers:
             raise UserError(f'{bag.path} has no topic to play: it has {bag.listing()}')
         self.sent = dict.fromkeys(self._publishers, 0)
-        self._clock: Publisher | None = None
-        if clock:
-            from rosgraph_msgs.msg import Clock
-
-            self._clock = here.node.create_publisher(Clock, CLOCK, 10)
+        self._clock = here.node.create_publisher(Clock, CLOCK, 10) if clock else None
         self._zero_ns = 0  # steady time of the bag's first message
         self._start_ns = 0  # log time of that message
         self._next_clock = 0
 
     def wait(self) -> None:
         """Wait until every topic has a subscription, or no more appear."""
-        begun = changed = time.monotonic()
-        before = 0
-        while not self._here.stopping and time.monotonic() < begun + SUBSCRIPTION_WAIT:
-            matched = sum(
-                publisher.get_subscription_count() > 0 for publisher in self._publishers.values()
-            )
-            if matched != before:
-                before, changed = matched, time.monotonic()
-            paused = matched and time.monotonic() > changed + MATCHING_PAUSE
-            if paused or matched == len(self._publishers):
-                time.sleep(HANDSHAKE)
+        until, matched = time.monotonic() + SUBSCRIPTION_WAIT, 0
+        while matched < len(self._publishers) and time.monotonic() < until:
+            if self._here.stopping:
                 return
+            before, publishers = matched, self._publishers.values()
+            matched = sum(each.get_subscription_count() > 0 for each in publishers)
+            if matched != before:
+                until = time.monotonic() + MATCHING_PAUSE
             time.sleep(0.02)
-        if not before and not self._here.stopping:
+        if matched:
+            time.sleep(HANDSHAKE)
+        else:
             print(
                 f'no subscription within {SUBSCRIPTION_WAIT:g} s: playing without', file=sys.stderr
             )
@@ -159,11 +149,9 @@ class Player:
         """Wait for the last messages to arrive."""
         from rclpy.duration import Duration
 
-        for publisher in self._publishers.values():
-            publisher.wait_for_all_acked(
-                Duration(nanoseconds=0 if self._here.stopping else NS_PER_S)
-            )
-        if not self._here.stopping and self._best_effort:
+        if not self._here.stopping:
+            for publisher in self._publishers.values():
+                publisher.wait_for_all_acked(Duration(seconds=1))
             time.sleep(LINGER)
 
     def _until(self, log_ns: int) -> None:
@@ -182,15 +170,12 @@ class Player:
 
     def _publish_time(self, clock: Publisher, now: int) -> None:
         """Publish the bag's time at this steady time."""
-        from builtin_interfaces.msg import Time
+        from rclpy.time import Time
         from rosgraph_msgs.msg import Clock
 
         bag_ns = self._start_ns + round((now - self._zero_ns) * self._rate)
-        sec, nanosec = divmod(bag_ns, NS_PER_S)
-        clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
-        step = round(NS_PER_S / CLOCK_RATE)
-        behind = time.monotonic_ns() - self._next_clock
-        self._next_clock += step * (1 + max(0, behind) // step)
+        clock.publish(Clock(clock=Time(nanoseconds=bag_ns).to_msg()))
+        self._next_clock = max(self._next_clock + round(NS_PER_S / CLOCK_RATE), now)
 
 
 COMMAND = Command(

@@ -15,8 +15,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -25,7 +24,6 @@ import yaml
 
 from estimator_pkg import whole_file
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import CDR, PendingBlock, Topic, UnreadableError, full_type
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.messages.block import Block, compact, from_messages, join, rows
@@ -33,19 +31,48 @@ from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
 
 if TYPE_CHECKING:
+    from rosbags.interfaces import Qos
+
     from estimator_pkg.bags.log_file import Columns, LogFile
     from estimator_pkg.bags.mcap_file import McapFile
     from estimator_pkg.bags.sqlite_file import SqliteFile
-
-    BagFile = LogFile | McapFile | SqliteFile
 
 log_file = Lazy('estimator_pkg.bags.log_file')
 mcap_file = Lazy('estimator_pkg.bags.mcap_file')
 sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
 
+CDR = 'cdr'
 INFORMATION = 'rosbag2_bagfile_information'
 SUFFIXES = ('.mcap', '.db3', '.zstd')
 ZSTD = b'\x28\xb5\x2f\xfd'  # a compressed message starts with this, CDR with a zero
+
+
+class UnreadableError(UserError):
+    """A topic exists, but none of its messages can be decoded."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes
+    ----------
+    name, type : as in '/joint_states', 'sensor_msgs/msg/JointState'.
+    count : messages in the bag.
+    qos : the profiles that its publishers offered.
+    definition, type_hash : the message definition and RIHS01 hash; empty if the bag has none.
+    definition_format : 'ros2msg' or 'ros2idl'.
+    serialization : 'cdr', or another format of a foreign recorder.
+    """
+
+    name: str
+    type: str
+    count: int = 0
+    qos: tuple[Qos, ...] = ()
+    definition: str = field(default='', repr=False)
+    type_hash: str = ''
+    definition_format: str = 'ros2msg'
+    serialization: str = CDR
 
 
 class Message(NamedTuple):
@@ -57,12 +84,24 @@ class Message(NamedTuple):
     raw: bytes
 
 
+class PendingBlock(NamedTuple):
+    """Messages that are read together: time of the first, bytes when read, and what reads them."""
+
+    start_ns: int
+    size: int
+    load: Callable[[], Block]
+
+
 class Bag:
     """A bag that is open for reading; use `open_bag`.
 
+    Each file adds its topics with `number`, and yields its `pieces`, whose blocks have these
+    numbers, in the order of time; if it `SORTS`, they are known in advance and can be sorted with
+    those of other files.
+
     Attributes
     ----------
-    path : its path.
+    path, limit : its path, and the bytes that a chunk or message may unpack to.
     topics : name -> Topic.
     warnings : problems of the bag that did not prevent reading it.
     """
@@ -70,22 +109,21 @@ class Bag:
     def __init__(
         self, path: Path, unpack_limit: int = unpacking.UNPACK_LIMIT, columns: Columns | None = None
     ) -> None:
-        self.path = path
-        self._limit, self._columns = unpack_limit, columns
+        self.path, self.limit = path, unpack_limit
+        self._columns = columns
         self._size = 0  # bytes of all files
         self.warnings: list[str] = []
         self.topics: dict[str, Topic] = {}
-        self._sources: list[tuple[BagFile, np.ndarray]] = []  # with the indices of its topics
+        self._sources: list[LogFile | McapFile | SqliteFile] = []
         self._stack = ExitStack()
         try:
             self._open()
-        except OSError as error:
+        except BaseException as error:
             self.close()
-            raise UserError(
-                f'cannot read {error.filename or path}: {error.strerror or error}'
-            ) from error
-        except BaseException:
-            self.close()
+            if isinstance(error, OSError):
+                raise UserError(
+                    f'cannot read {error.filename or path}: {error.strerror or error}'
+                ) from error
             raise
 
     def __enter__(self) -> Bag:
@@ -102,6 +140,10 @@ class Bag:
     def count(self) -> int:
         """Number of messages in the bag."""
         return sum(topic.count for topic in self.topics.values())
+
+    def has(self, topic: str) -> bool:
+        """Return True if the topic has messages."""
+        return topic in self.topics and self.topics[topic].count > 0
 
     def require(self, topic: str, types: Sequence[str] = ()) -> Topic:
         """Return the topic called `topic`.
@@ -166,46 +208,44 @@ class Bag:
         """Yield (names, block): many messages at a time; `block.topic` are indices of `names`."""
         names = list(self.topics)
         chosen = set(names if topics is None else topics)
-        keep = np.array([name in chosen for name in names] + [False])  # the last one for -1
-        for block in self._in_log_order(self._pieces(keep)):
+        keep = np.array([name in chosen for name in names])
+        for block in self._in_log_order(keep):
             starts = block.start[block.end - block.start >= len(ZSTD)]
             packed = (rows(block.data, starts, len(ZSTD)) == np.frombuffer(ZSTD, np.uint8)).all(1)
             for part in self._unpacked(block) if packed.any() else (block,):
                 if len(part):
                     yield names, part
 
-    def _pieces(self, keep: np.ndarray) -> Iterable[PendingBlock]:
-        """Return the pieces of all files; the files of a split database follow each other."""
-        pieces = (
-            piece._replace(load=partial(_kept, piece.load, index, keep))
-            for source, index in self._sources
-            if keep[index].any()
-            for piece in source.pieces(np.flatnonzero(keep[index]).tolist())
-        )
-        if all(source.sorts for source, _ in self._sources):
-            return sorted(pieces, key=lambda piece: piece.start_ns)
-        return pieces
+    def _in_log_order(self, keep: np.ndarray) -> Iterator[Block]:
+        """Yield the messages of the topics with `keep`; the pieces of files may overlap in time.
 
-    def _in_log_order(self, pieces: Iterable[PendingBlock]) -> Iterator[Block]:
-        """Yield blocks in log order from pieces sorted by their first time, which may overlap."""
-        most = max(self._limit, unpacking.UNPACK_RATIO * self._size)
+        The files of a split database, which has no index, follow each other.
+        """
+        pieces: Iterable[PendingBlock] = (
+            piece for source in self._sources for piece in source.pieces(keep)
+        )
+        if all(source.SORTS for source in self._sources):
+            pieces = sorted(pieces, key=lambda piece: piece.start_ns)
+        most = max(self.limit, unpacking.UNPACK_RATIO * self._size)
         held: Block | None = None
         for start_ns, size, load in pieces:
-            if held is None or not len(held) or held.log_ns[-1] <= start_ns:
-                if held is not None:
-                    yield held
-                held = load()
-                continue
-            cut = int(np.searchsorted(held.log_ns, start_ns, 'right'))
-            yield held.take(slice(0, cut))
-            held = compact(held.take(slice(cut, None)))
-            unpacking.check(
-                f'{self.path}: sorting the messages that overlap in time',
-                2 * (len(held.data) + size),  # these messages, and the same joined
-                most,
-                'needs',
-            )
-            held = join([held, load()]).in_log_order()
+            rest = None
+            if held is not None:
+                cut = int(np.searchsorted(held.log_ns, start_ns, 'right'))
+                yield held.take(slice(cut))
+                rest = compact(held.take(slice(cut, None))) if cut < len(held) else None
+            if rest is not None:
+                unpacking.check(
+                    f'{self.path}: sorting the messages that overlap in time',
+                    2 * (len(rest.data) + size),  # these messages, and the same joined
+                    most,
+                    'needs',
+                )
+            held = load()
+            if not keep[held.topic].all():
+                held = held.take(keep[held.topic])
+            if rest is not None:
+                held = join([rest, held]).in_log_order()
         if held is not None:
             yield held
 
@@ -213,13 +253,13 @@ class Bag:
         """Yield messages of which some are compressed one by one, a few MB at a time."""
         view = block.data.data
         good: list[int] = []
-        raws: list[memoryview] = []
+        raws: list[bytes | memoryview] = []
         size = 0
         for row, (start, end) in enumerate(zip(block.start.tolist(), block.end.tolist())):
-            raw = view[start:end]
+            raw: bytes | memoryview = view[start:end]
             try:
                 if raw[: len(ZSTD)] == ZSTD:
-                    raw = unpacking.unpack_message(raw, f'{self.path}: a message', self._limit)
+                    raw = unpacking.unpack_message(raw, f'{self.path}: a message', self.limit)
             except ValueError:
                 self.warn(f'{self.path} is damaged: messages that cannot be unpacked are skipped')
                 continue
@@ -271,9 +311,11 @@ class Bag:
     def _open_folder(self) -> None:
         problems = []
         for file in self._files():
+            before = dict(self.topics)
             try:
                 self._open_file(file)
             except UserError as error:
+                self.topics = before
                 problems.append(str(error))
         if problems and not self._sources:
             raise UserError(problems[0])
@@ -283,22 +325,18 @@ class Bag:
     def _files(self) -> list[Path]:
         """Return the files of the folder: those that its metadata list, else those it has."""
         listed = self._listed()
-        missing = [name for name in listed if not (self.path / name).is_file()]
-        if len(missing) < len(listed):
-            if missing:
-                self.warn(
-                    f'{self.path}: {", ".join(missing)}, listed in {METADATA}, is missing: '
-                    'its messages are skipped'
-                )
-            return [self.path / name for name in listed if name not in missing]
+        found = [self.path / name for name in listed if (self.path / name).is_file()]
+        missing = ', '.join(name for name in listed if self.path / name not in found)
+        missing += f', listed in {METADATA}, is missing' if missing else ''
+        if found and missing:
+            self.warn(f'{self.path}: {missing}: its messages are skipped')
+        if found:
+            return found
         there = [file for file in self.path.iterdir() if file.suffix in SUFFIXES]
         there.sort(key=lambda file: (len(file.name), file.name))  # bag_10 after bag_9
         if not there:
-            raise UserError(
-                f'{self.path}: {missing[0]}, listed in {METADATA}, is missing'
-                if missing
-                else f'{self.path} is not a bag: it has no {METADATA} and no .mcap or .db3 files'
-            )
+            none = f'is not a bag: it has no {METADATA} and no .mcap or .db3 files'
+            raise UserError(f'{self.path}: {missing}' if missing else f'{self.path} {none}')
         if not (self.path / METADATA).exists():
             self.warn(
                 f'{self.path} has no {METADATA} (was its recorder killed?): '
@@ -313,10 +351,7 @@ class Bag:
             return []
         try:
             found = yaml.safe_load(whole_file.read_text(file))[INFORMATION]
-            names = [Path(name).name for name in found['relative_file_paths']]
-            if any(name in ('', '..') or '\0' in name for name in names):
-                raise ValueError('a name of a file is damaged')
-            return names
+            return [Path(name).name for name in found['relative_file_paths']]
         except OSError:
             raise
         except Exception:  # the library may raise anything for a damaged file
@@ -330,19 +365,19 @@ class Bag:
                 f'cannot read {file}: {f"it is {link}" if link else whole_file.NOT_A_FILE}'
             )
         if log_file.is_log(file):
-            self._add(log_file.LogFile(file, self._columns, self.warn))
+            self._add(log_file.LogFile(file, self, self._columns))
             return
         if file.suffix == '.zstd':
             folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix='bag'))
             packed, file = file, Path(folder, file.stem)
-            unpacking.unpack_file(packed, file, self._limit)
+            unpacking.unpack_file(packed, file, self.limit)
         with open(file, 'rb') as stream:
             start = stream.read(16)
         self._size += file.stat().st_size
         if start.startswith(b'SQLite format 3\0'):
-            self._add(sqlite_file.SqliteFile(file, self.warn))
+            self._add(sqlite_file.SqliteFile(file, self))
         elif start.startswith(b'\x89MCAP0\r\n'):
-            self._add(mcap_file.McapFile(file, self.warn, self._limit))
+            self._add(mcap_file.McapFile(file, self))
         elif start.startswith(b'#ROSBAG'):
             raise UserError(
                 f"{file} is a bag of ROS 1: convert it with 'rosbags-convert --src {file.name} "
@@ -353,25 +388,22 @@ class Bag:
         else:
             raise UserError(f'{file} is not a bag: it is neither MCAP nor sqlite3')
 
-    def _add(self, source: BagFile) -> None:
+    def _add(self, source: LogFile | McapFile | SqliteFile) -> None:
         self._stack.callback(source.close)
-        index = np.array([self._index(topic) for topic in source.topics], np.int64)
-        self._sources.append((source, index))
+        self._sources.append(source)
 
-    def _index(self, topic: Topic) -> int:
-        """Add a topic, or the messages of a known one, and return its index.
-
-        It is -1 if another type of the same name came before.
-        """
-        topic = replace(topic, type=full_type(topic.type))
+    def number(self, topic: Topic) -> int:
+        """Add the topic of a file, or the messages of a known one, and return its number."""
+        package, slash, short = topic.type.partition('/')
+        if slash and '/' not in short:  # some recorders leave out '/msg/'
+            topic = replace(topic, type=f'{package}/msg/{short}')
         known = self.topics.get(topic.name)
-        if known is not None and known.type != topic.type:
-            self.warn(
-                f"{self.path}: topic '{topic.name}' has two types, {known.type} and {topic.type}: "
-                'the latter is skipped'
-            )
-            return -1
         if known is not None:
+            if known.type != topic.type:
+                raise UserError(
+                    f"{self.path}: topic '{topic.name}' has two types, {known.type} and "
+                    f'{topic.type}: remove one'
+                )
             topic = replace(known, count=known.count + topic.count)
         self.topics[topic.name] = topic
         return list(self.topics).index(topic.name)
@@ -394,21 +426,7 @@ def open_bag(
     return Bag(Path(path), unpack_limit, columns)
 
 
-def _kept(load: Callable[[], Block], index: np.ndarray, keep: np.ndarray) -> Block:
-    """Return the messages of a piece that belong to a chosen topic.
-
-    Parameters
-    ----------
-    index : of the topic in the bag, by its place in the file. keep : True for chosen indices.
-    """
-    block = load()
-    topic = index[block.topic]
-    block = replace(block, topic=topic)
-    chosen = keep[topic]
-    return block if chosen.all() else block.take(chosen)
-
-
-def _with(block: Block, good: list[int], raws: list[memoryview]) -> Block:
+def _with(block: Block, good: list[int], raws: list[bytes | memoryview]) -> Block:
     """Return these messages of a block with other bytes."""
     taken = block.take(np.array(good, np.int64))
     return from_messages(taken.topic, taken.log_ns, taken.publish_ns, raws)

@@ -9,8 +9,8 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
@@ -22,7 +22,6 @@ from estimator_pkg.printable import show
 from estimator_pkg.ros.message_class import message_class
 
 if TYPE_CHECKING:
-    from rclpy.qos import QoSProfile
     from rclpy.subscription import Subscription
     from rosbags.interfaces import Qos
 
@@ -88,7 +87,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                     else 'no topic had messages'
                 )
             )
-    lost = {name: track.lost for name, track in recorder.tracks.items()}
+    lost = {
+        name: sum(each.count for each in track.losses) for name, track in recorder.tracks.items()
+    }
     show(f'{parsed.out}:')
     for name, count in counts.items():
         show(f'  {name}  {count} messages' + (f', {lost[name]} lost' if lost[name] else ''))
@@ -99,21 +100,15 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 class RecordedTopic:
     """A topic that is being recorded.
 
-    kind : class of its messages. profiles : all that its publishers offered. qos : of the
-    subscription. losses : of this subscription and of those before it.
+    kind : class of its messages. profiles : all that its publishers offered. losses : of its
+    subscription, and of those before it.
     """
 
+    name: str
     kind: Any
     profiles: list[Qos] = field(default_factory=list)
-    qos: QoSProfile | None = None
     subscription: Subscription | None = None
-    receive: Callable[[bytes, Any], None] | None = None
     losses: list[Loss] = field(default_factory=list)
-
-    @property
-    def lost(self) -> int:
-        """Number of messages lost between publisher and recorder."""
-        return sum(each.count for each in self.losses)
 
 
 class Recorder:
@@ -125,9 +120,7 @@ class Recorder:
     """
 
     def __init__(self, here: Live, writer: BagWriter, topics: list[str]) -> None:
-        self._here = here
-        self._writer = writer
-        self._topics = topics
+        self._here, self._writer, self._topics = here, writer, topics
         self._refused: set[str] = set()
         self._first = 0.0  # steady time of the first message [s]
         self.tracks: dict[str, RecordedTopic] = {}
@@ -135,11 +128,10 @@ class Recorder:
     def run(self, duration: float | None) -> None:
         """Record for `duration` [s] from the first message on, or until Ctrl-C."""
         look = flush = 0.0
-        begun = time.monotonic()
+        now = begun = time.monotonic()
         if self._topics:
             show(f'waiting for {", ".join(self._topics)}', file=sys.stderr)
         while not self._here.stopping:
-            now = time.monotonic()
             if now >= look:
                 self._look()
                 look = now + GRAPH_PERIOD
@@ -147,19 +139,26 @@ class Recorder:
                 self._writer.flush()
                 flush = now + FLUSH_PERIOD
             self._take()
+            now = time.monotonic()
             since = self._first or begun + FIRST_MESSAGE_WAIT
             if duration is not None and now - since > duration:
                 break
-            time.sleep(TAKE_PERIOD)
         until = time.monotonic() + LAST_MESSAGES
         while time.monotonic() < until:
             self._take()
-            time.sleep(TAKE_PERIOD)
 
     def _take(self) -> None:
         """Write the messages that came."""
         for track in self.tracks.values():
-            executor.take_turn(track.subscription, track.receive, LONGEST_TURN)
+            executor.take_turn(track.subscription, partial(self._receive, track), LONGEST_TURN)
+        time.sleep(TAKE_PERIOD)
+
+    def _receive(self, track: RecordedTopic, raw: bytes, info: Any) -> None:
+        track.losses[-1].saw(info['publication_sequence_number'])
+        now = time.time_ns()
+        log_ns, publish_ns = info['received_timestamp'] or now, info['source_timestamp'] or now
+        self._writer.write(track.name, log_ns, raw, publish_ns)
+        self._first = self._first or time.monotonic()
 
     def _look(self) -> None:
         """Subscribe to new topics, and again where a publisher offers less than those before."""
@@ -167,33 +166,14 @@ class Recorder:
             if name in self._refused or (self._topics and name not in self._topics):
                 continue
             publishers = self._here.node.get_publishers_info_by_topic(name)
-            profiles = dict.fromkeys(live.offered(each.qos_profile) for each in publishers)
-            if name not in self.tracks and (
-                not publishers
-                or not self._declare(
-                    name, types, list(profiles), str(publishers[0].topic_type_hash)
-                )
-            ):
-                continue
-            track = self.tracks[name]
-            track.profiles = list(dict.fromkeys([*track.profiles, *profiles]))
-            qos, old = live.matching(track.profiles), track.qos
-            if old is None:
-                show(f'recording {name} ({types[0]})', file=sys.stderr)
-            elif (qos.reliability, qos.durability) == (old.reliability, old.durability):
-                continue
-            elif track.subscription is not None:
-                show(
-                    f'warning: a publisher of {name} offers less than the others: subscribing '
-                    'again',
-                    file=sys.stderr,
-                )
-                self._take()
-                self._here.node.destroy_subscription(track.subscription)
-            self._subscribe(name, track, qos)
+            if publishers and name not in self.tracks:
+                self._declare(name, types, publishers)
+            if name in self.tracks:
+                profiles = [live.offered(each.qos_profile) for each in publishers]
+                self._subscribe(self.tracks[name], profiles)
 
-    def _declare(self, name: str, types: list[str], profiles: list[Qos], type_hash: str) -> bool:
-        """Add a topic to the bag; return False if it cannot be recorded."""
+    def _declare(self, name: str, types: list[str], publishers: list[Any]) -> None:
+        """Add a topic to the bag, or to those that cannot be recorded."""
         kind = message_class(types[0])
         if kind is None or len(types) > 1:
             self._refused.add(name)
@@ -202,31 +182,37 @@ class Recorder:
             if self._topics:
                 raise UserError(f'{name} cannot be recorded: {why}')
             show(f'warning: {name} is not recorded: {why}', file=sys.stderr)
-            return False
+            return
+        profiles = list(dict.fromkeys(live.offered(each.qos_profile) for each in publishers))
+        known = str(publishers[0].topic_type_hash)
         self._writer.add_topic(
-            name, types[0], profiles, type_hash=type_hash if type_hash.startswith('RIHS01_') else ''
+            name, types[0], profiles, type_hash=known if known.startswith('RIHS01_') else ''
         )
-        self.tracks[name] = RecordedTopic(kind)
-        return True
+        self.tracks[name] = RecordedTopic(name, kind)
+        show(f'recording {name} ({types[0]})', file=sys.stderr)
 
-    def _subscribe(self, name: str, track: RecordedTopic, qos: QoSProfile) -> None:
-        """Subscribe without an executor: `_take` polls, and DDS knows when each message came."""
-        track.qos = qos
-        subscription = self._here.node.create_subscription(
-            track.kind, name, lambda _: None, qos, raw=True
-        )
-        counted = loss.Loss(subscription.get_publisher_count)
+    def _subscribe(self, track: RecordedTopic, profiles: list[Qos]) -> None:
+        """Subscribe so that all publishers match, if the subscription does not do so already.
 
-        def receive(raw: bytes, info: Any) -> None:
-            counted.saw(info['publication_sequence_number'])
-            now = time.time_ns()
-            self._writer.write(
-                name, info['received_timestamp'] or now, raw, info['source_timestamp'] or now
+        There is no executor: `_take` polls, and DDS knows when each message came.
+        """
+        old = live.matching(track.profiles)
+        track.profiles = list(dict.fromkeys([*track.profiles, *profiles]))
+        qos = live.matching(track.profiles)
+        if track.subscription is not None:
+            if (qos.reliability, qos.durability) == (old.reliability, old.durability):
+                return
+            show(
+                f'warning: a publisher of {track.name} offers less than the others: subscribing '
+                'again',
+                file=sys.stderr,
             )
-            self._first = self._first or time.monotonic()
-
-        track.subscription, track.receive = subscription, receive
-        track.losses.append(counted)
+            self._take()
+            self._here.node.destroy_subscription(track.subscription)
+        track.subscription = self._here.node.create_subscription(
+            track.kind, track.name, lambda _: None, qos, raw=True
+        )
+        track.losses.append(loss.Loss(track.subscription.get_publisher_count))
 
 
 COMMAND = Command(

@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import streams
-from estimator_pkg.bags.feeding import answers, in_order
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import (
     Series,
@@ -24,7 +22,7 @@ from estimator_pkg.bags.series import (
     series_of,
     why_none,
 )
-from estimator_pkg.bags.wiring import Setup
+from estimator_pkg.bags.wiring import Setup, answers, in_order
 from estimator_pkg.errors import UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import drive_samples
@@ -57,15 +55,24 @@ class EstimateSeries(NamedTuple):
     due: NDArray[np.int64] = np.zeros(0, np.int64)
 
 
-class Recording(ABC):
+@dataclass(frozen=True)
+class Recording:
     """The input of one family's observers from a bag; it can be sent to another process.
 
-    setup : its settings and topics.
+    path : of the bag. setup : settings and topics.
+    series : positions by joint, of a family that runs in arrays.
+    blocks : of other families, messages on the node's topics, with the names of the bag's topics.
+    names : joints that can have their own gains.
+    fine : return an estimate of every sample of a batch, if the stream has them.
     """
 
+    path: str
     setup: Setup
+    series: Mapping[str, Series] = field(default_factory=dict)
+    blocks: tuple[tuple[list[str], Block], ...] | None = None
+    names: tuple[str, ...] = ()
+    fine: bool = False
 
-    @abstractmethod
     def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, EstimateSeries]:
         """Return the estimates that this observer publishes with these parameters, by joint.
 
@@ -73,33 +80,131 @@ class Recording(ABC):
         ------
         UserError, UsageError : a parameter is wrong, or the bag lacks an input of the observer.
         """
+        setup = self.setup.having({**values, 'observer': observer})
+        if self.blocks is None:
+            return self._of_series(streams.named(setup.kind).of(setup.values))
+        found = self._of_messages(stream := setup.start(), self.blocks)
+        if not found:
+            why = stream.why()
+            raise UserError(
+                f'{self.path}: {observer} publishes no estimate' + (f': {why}' if why else '')
+            )
+        return found
 
-    @abstractmethod
+    def _of_series(self, stream: Any) -> dict[str, EstimateSeries]:
+        found = {}
+        for name, series in self.series.items():
+            ran = stream.run(name, series.stamps_ns, series.position)
+            if ran is None:
+                continue
+            joint, out = ran
+            used = out.used
+            valid = used & np.isin(out.status, VALID)
+            history = History()
+            history.add(series.stamps_ns, out.status, out.verdict)
+            found[name] = EstimateSeries(
+                series.stamps_ns[valid],
+                out.position[valid],
+                out.velocity[valid],
+                out.velocity_stddev[valid],
+                joint.samples(),
+                history.seconds(),
+                series.stamps_ns[used],
+                out.status[used],
+                series.stamps_ns[np.isfinite(series.position)],
+            )
+        return found
+
+    def _of_messages(
+        self, stream: Stream, blocks: Sequence[tuple[list[str], Block]]
+    ) -> dict[str, EstimateSeries]:
+        of_samples = [self.fine and each.type == drive_samples.TYPE for each in stream.outputs]
+        stream.wanted[:] = [number < 2 or wanted for number, wanted in enumerate(of_samples)]
+        answered = []
+        for names, block in blocks:
+            made = [(each.output, each) for each in answers(stream, names, block)]
+            answered.append(in_order(block, np.full(len(block), -1), made))
+        stream.end(self.path)
+        found = _estimates(stream, _on(answered, 0), _on(answered, 1))
+        if found and any(of_samples):
+            motor = next(iter(stream.bank.joints))
+            name = next(iter(stream.names_of(motor)[1:]), '')
+            if name in found:
+                batches = _on(answered, of_samples.index(True))
+                found[name] = _of_every_sample(batches, found[name])
+        return found
+
     def split(self, held_out: float) -> tuple[Recording, Recording]:
         """Return the recording without its last part, and one for the estimates of the last part.
 
-        The latter may begin earlier, for observers that need to settle.
+        Of messages the latter is the whole: observers that learn run through the first part.
         """
+        if self.blocks is not None:
+            left = self.size() - round(held_out * self.size())
+            rows = []
+            for _, block in self.blocks:
+                rows.append(slice(max(left, 0)))
+                left -= len(block)
+            return self._part(self.blocks, rows), self
+        first, rest = {}, {}
+        for name, series in self.series.items():
+            cut = len(series.stamps_ns) - round(held_out * len(series.stamps_ns))
+            first[name], rest[name] = series.take(slice(cut)), series.take(slice(cut, None))
+        return replace(self, series=first), replace(self, series=rest)
 
-    @abstractmethod
     def between(self, begin: float, end: float) -> Recording:
-        """Return the part from `begin` to `end` [s] since the first sample."""
+        """Return the part from `begin` to `end` [s] since the first sample.
+
+        The times are those of the stamps, or of the recorder for messages.
+        """
+        if not begin and end == np.inf:
+            return self
+        if self.blocks is not None:
+            start = int(self.blocks[0][1].log_ns[0]) if self.blocks else 0
+            times = [(block.log_ns - start) * 1e-9 for _, block in self.blocks]
+            return self._part(self.blocks, [(time >= begin) & (time <= end) for time in times])
+        good = [each.stamps_ns[each.stamps_ns > 0] for each in self.series.values()]
+        start = min((int(each[0]) for each in good if len(each)), default=0)
+        last = start + round(1e9 * end) if end < np.inf else 2**62
+        return self.of_stamps(start + round(1e9 * begin), last)
 
     def of_stamps(self, first: int, last: int) -> Recording:
-        """Return the part with first <= stamp <= last [ns], if it is of positions."""
-        return self
+        """Return the part of series with first <= stamp <= last [ns]; messages stay whole."""
+        if first <= 0:
+            return self
+        series = {
+            name: each.take((each.stamps_ns >= first) & (each.stamps_ns <= last))
+            for name, each in self.series.items()
+        }
+        return replace(self, series=series)
 
     def by_joint(self) -> Mapping[str | None, Recording]:
         """Return the recordings that can have their own gains, by joint; {None: self} for one."""
-        return {None: self}
+        if self.blocks is None:
+            return {name: replace(self, series={name: each}) for name, each in self.series.items()}
+        if not self.names:
+            return {None: self}
+        return {
+            name: replace(self, names=(name,), setup=self.setup.having({'joints': [name]}))
+            for name in self.names
+        }
 
     def per_sample(self) -> Recording:
         """Return the same with an estimate of every sample, if messages contain many samples."""
-        return self
+        return replace(self, fine=True)
 
     def size(self) -> int:
-        """Return the number of samples."""
-        return 0
+        """Return the number of samples, or of messages."""
+        if self.blocks is not None:
+            return sum(len(block) for _, block in self.blocks)
+        return sum(len(series.stamps_ns) for series in self.series.values())
+
+    def _part(
+        self, blocks: Sequence[tuple[list[str], Block]], rows: Sequence[NDArray[np.bool_] | slice]
+    ) -> Recording:
+        parts = [(names, block.take(each)) for (names, block), each in zip(blocks, rows)]
+        kept = tuple((names, compact(block)) for names, block in parts if len(block))
+        return replace(self, blocks=kept)
 
 
 def recording(bag: Bag, setup: Setup, known: Mapping[str, Series]) -> Recording:
@@ -122,15 +227,11 @@ def recording(bag: Bag, setup: Setup, known: Mapping[str, Series]) -> Recording:
                 f'{bag.path}: {why_none(bag, setup.topics[0].name)}: name another topic with '
                 '--measurement'
             )
-        return PositionRecording(setup, dict(known))
+        return Recording(str(bag.path), setup, dict(known))
     names = tuple(known or measured(bag, setup)) if stream.SEPARATE else ()
     topics = {topic.name for topic in setup.topics}
-    return MessageRecording(
-        str(bag.path),
-        setup,
-        tuple((list(topic_names), compact(block)) for topic_names, block in bag.blocks(topics)),
-        names,
-    )
+    blocks = tuple((list(named), compact(block)) for named, block in bag.blocks(topics))
+    return Recording(str(bag.path), setup, blocks=blocks, names=names)
 
 
 def measured(bag: Bag, setup: Setup) -> dict[str, Series]:
@@ -165,154 +266,6 @@ def measured(bag: Bag, setup: Setup) -> dict[str, Series]:
             np.concatenate([group.positions[:, 0] for group in groups]),
         )
     }
-
-
-@dataclass(frozen=True)
-class PositionRecording(Recording):
-    """The positions of joints, and the parameters that are the same for all gains."""
-
-    setup: Setup
-    series: dict[str, Series]
-
-    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, EstimateSeries]:
-        """See `Recording`."""
-        stream: Any = streams.named(self.setup.kind).of(
-            self.setup.having({**values, 'observer': observer}).values
-        )
-        found = {}
-        for name, series in self.series.items():
-            ran = stream.run(name, series.stamps_ns, series.position)
-            if ran is None:
-                continue
-            joint, out = ran
-            used = out.used
-            valid = used & np.isin(out.status, VALID)
-            history = History()
-            history.add(series.stamps_ns, out.status, out.verdict)
-            found[name] = EstimateSeries(
-                series.stamps_ns[valid],
-                out.position[valid],
-                out.velocity[valid],
-                out.velocity_stddev[valid],
-                joint.samples(),
-                history.seconds(),
-                series.stamps_ns[used],
-                out.status[used],
-                series.stamps_ns[np.isfinite(series.position)],
-            )
-        return found
-
-    def split(self, held_out: float) -> tuple[Recording, Recording]:
-        """See `Recording`."""
-        parts: tuple[dict[str, Series], ...] = ({}, {})
-        for name, series in self.series.items():
-            count = len(series.stamps_ns)
-            cut = count - round(held_out * count)
-            for part, rows in zip(parts, (slice(cut), slice(cut, None))):
-                part[name] = Series._make(values[rows] for values in series)
-        return replace(self, series=parts[0]), replace(self, series=parts[1])
-
-    def between(self, begin: float, end: float) -> Recording:
-        """See `Recording`."""
-        good = [each.stamps_ns[each.stamps_ns > 0] for each in self.series.values()]
-        start = min((int(each[0]) for each in good if len(each)), default=0)
-        if not begin and end == np.inf:
-            return self
-        last = start + round(1e9 * end) if end < np.inf else 2**62
-        return self.of_stamps(start + round(1e9 * begin), last)
-
-    def of_stamps(self, first: int, last: int) -> Recording:
-        """See `Recording`."""
-        if first <= 0:
-            return self
-        series = {}
-        for name, each in self.series.items():
-            kept = (each.stamps_ns >= first) & (each.stamps_ns <= last)
-            series[name] = Series._make(values[kept] for values in each)
-        return replace(self, series=series)
-
-    def by_joint(self) -> Mapping[str | None, Recording]:
-        """See `Recording`."""
-        return {name: replace(self, series={name: series}) for name, series in self.series.items()}
-
-    def size(self) -> int:
-        """See `Recording`."""
-        return sum(len(series.stamps_ns) for series in self.series.values())
-
-
-@dataclass(frozen=True)
-class MessageRecording(Recording):
-    """The messages of a bag on the topics of a node.
-
-    blocks : with the names of the bag's topics. names : joints that can have their own gains.
-    fine : return an estimate of every sample of a batch, if the stream has them.
-    """
-
-    path: str
-    setup: Setup
-    blocks: tuple[tuple[list[str], Block], ...]
-    names: tuple[str, ...] = ()
-    fine: bool = field(default=False, kw_only=True)
-
-    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, EstimateSeries]:
-        """See `Recording`."""
-        stream = self.setup.having({**values, 'observer': observer}).start()
-        of_samples = [self.fine and each.type == drive_samples.TYPE for each in stream.outputs]
-        stream.wanted[:] = [number < 2 or wanted for number, wanted in enumerate(of_samples)]
-        blocks = []
-        for names, block in self.blocks:
-            made = [(each.output, each) for each in answers(stream, names, block)]
-            blocks.append(in_order(block, np.full(len(block), -1), made))
-        stream.end(self.path)
-        found = _estimates(stream, _on(blocks, 0), _on(blocks, 1))
-        if not found:
-            why = stream.why()
-            raise UserError(
-                f'{self.path}: {observer} publishes no estimate' + (f': {why}' if why else '')
-            )
-        if any(of_samples):
-            motor = next(iter(stream.bank.joints))
-            name = next(iter(stream.names_of(motor)[1:]), '')
-            if name in found:
-                found[name] = _of_every_sample(_on(blocks, of_samples.index(True)), found[name])
-        return found
-
-    def split(self, held_out: float) -> tuple[Recording, Recording]:
-        """See `Recording`. Observers that learn run through the first part before the last."""
-        left = self.size() - round(held_out * self.size())
-        first = []
-        for names, block in self.blocks:
-            cut = min(left, len(block))
-            left -= cut
-            if cut:
-                first.append((names, compact(block.take(slice(cut)))))
-        return replace(self, blocks=tuple(first)), self
-
-    def between(self, begin: float, end: float) -> Recording:
-        """See `Recording`; the times are those of the recorder."""
-        start = int(self.blocks[0][1].log_ns[0]) if self.blocks else 0
-        kept = []
-        for names, block in self.blocks:
-            time = (block.log_ns - start) * 1e-9
-            kept.append((names, compact(block.take((time >= begin) & (time <= end)))))
-        return replace(self, blocks=tuple(each for each in kept if len(each[1])))
-
-    def by_joint(self) -> Mapping[str | None, Recording]:
-        """See `Recording`."""
-        if not self.names:
-            return {None: self}
-        return {
-            name: replace(self, names=(name,), setup=self.setup.having({'joints': [name]}))
-            for name in self.names
-        }
-
-    def per_sample(self) -> Recording:
-        """See `Recording`."""
-        return replace(self, fine=True)
-
-    def size(self) -> int:
-        """Messages."""
-        return sum(len(block) for _, block in self.blocks)
 
 
 def _on(blocks: list[Block], output: int) -> list[Block]:

@@ -9,79 +9,28 @@ import argparse
 import re
 import sys
 import time
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from typing import Any
 
 import numpy as np
 
-from estimator_pkg import interrupts
+from estimator_pkg import interrupts, params_file, streams
 from estimator_pkg.bags import log_file, unpacking
-from estimator_pkg.bags.feeding import answers, in_order
 from estimator_pkg.bags.reader import Bag, open_bag
-from estimator_pkg.bags.wiring import Setup, parameters, requested, wired
+from estimator_pkg.bags.selection import measured_topics
+from estimator_pkg.bags.wiring import Setup, answers, in_order, parameters, wired
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError
-from estimator_pkg.messages.block import Block
 from estimator_pkg.optional import Lazy
 from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
-from estimator_pkg.streams.contract import Answers, Request, Stream
+from estimator_pkg.streams.contract import Request, Stream
 from estimator_pkg.streams.history import GAP
 
 qos = Lazy('estimator_pkg.bags.qos')
-
-
-class ReplayWriter:
-    """Writes copied topics of a bag, and the outputs of a stream that are wanted.
-
-    Parameters
-    ----------
-    node : name of the node, before those of its outputs.
-    copy : topics of `bag` to copy; None: all.
-
-    Attributes
-    ----------
-    topics : names of the new topics. copied : names of the copied ones.
-    """
-
-    def __init__(
-        self, bag: Bag, writer: BagWriter, stream: Stream, node: str, copy: list[str] | None
-    ) -> None:
-        self._writer = writer
-        outputs = [(f'{node}/{each.name}', each.type) for each in stream.outputs]
-        self.topics = [name for (name, _), made in zip(outputs, stream.wanted) if made]
-        for name in copy or ():
-            bag.require(name)
-        chosen = set(bag.topics if copy is None else copy)
-        for name in sorted(chosen & set(self.topics)):
-            show(
-                f'{name} of {bag.path} is not copied: replay writes its own (give the node another '
-                'name with --name NODE)',
-                file=sys.stderr,
-            )
-        self.copied = chosen - set(self.topics)
-        self._copies = {
-            name: writer.add(topic) for name, topic in bag.topics.items() if name in self.copied
-        }
-        self._own = {
-            number: writer.add_topic(name, kind, qos.profile(depth=50))
-            for number, (name, kind) in enumerate(outputs)
-            if stream.wanted[number]
-        }
-
-    def write(self, names: list[str], block: Block, made: list[Answers]) -> None:
-        """Write the copied messages of a block, and each answer behind its message.
-
-        Parameters
-        ----------
-        names : the bag's topics, in the order of the block's topic numbers.
-        """
-        number = np.array([self._copies.get(name, -1) for name in names])
-        answered = [(self._own[each.output], each) for each in made]
-        self._writer.write_block(in_order(block, number[block.topic], answered))
 
 
 NODE_NAME = re.compile(r'/?([A-Za-z_]\w*/)*[A-Za-z_]\w*', re.ASCII)
@@ -155,30 +104,38 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     with open_bag(parsed.bag, parsed.unpack_limit, columns) as bag:
         setup = _setup(bag, parsed, columns)
         stream = setup.start()
+        if parsed.smoothed and not any(each.extra for each in stream.outputs):
+            raise UsageError(f'--smoothed is for observers of single angles, not {stream.NODE}')
+        stream.wanted[:] = [
+            parsed.out is not None and (parsed.smoothed or not each.extra)
+            for each in stream.outputs
+        ]
         node = f'/{(parsed.name or stream.NODE).strip("/")}'
+        names = [f'{node}/{each.name}' for each in stream.outputs]
+        written = [name for name, wanted in zip(names, stream.wanted) if wanted]
+        copied = _copied(bag, parsed.copy, written) if parsed.out is not None else []
         with (
             interrupts.gently(),
             BagWriter(parsed.out) if parsed.out is not None else nullcontext() as writer,
         ):
-            output, interrupted = None, False
-            if parsed.smoothed and not any(each.extra for each in stream.outputs):
-                raise UsageError(f'--smoothed is for observers of single angles, not {stream.NODE}')
-            stream.wanted[:] = [
-                writer is not None and (parsed.smoothed or not each.extra)
-                for each in stream.outputs
-            ]
+            copies, own = {}, {}
             if writer is not None:
-                output = ReplayWriter(bag, writer, stream, node, parsed.copy)
-            read = {topic.name for topic in setup.topics} | (output.copied if output else set())
+                copies = {name: writer.add(bag.topics[name]) for name in copied}
+                for number, (name, each) in enumerate(zip(names, stream.outputs)):
+                    if stream.wanted[number]:
+                        own[number] = writer.add_topic(name, each.type, qos.profile(depth=50))
+            read = {topic.name for topic in setup.topics} | set(copied)
             with progress('replay', sum(bag.topics[name].count for name in read)) as advance:
-                for names, block in bag.blocks(read):
-                    made = answers(stream, names, block)
-                    if output is not None:
-                        output.write(names, block, made)
+                for topics, block in bag.blocks(read):
+                    made = answers(stream, topics, block)
+                    if writer is not None:
+                        number_of = np.array([copies.get(name, -1) for name in topics])
+                        answered = [(own[each.output], each) for each in made]
+                        writer.write_block(in_order(block, number_of[block.topic], answered))
                     advance(len(block))
-                    interrupted = bool(interrupts.came())
-                    if interrupted:
+                    if interrupts.came():
                         break
+            interrupted = bool(interrupts.came())
             if interrupted:
                 bag.warn('interrupted: the rest of the bag was not replayed')
             else:
@@ -193,7 +150,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             'observer': stream.observer.name,
             'measurement': ' and '.join(topic.name for topic in setup.topics),
             **stream.summary(),
-            'written': output.topics if output else [],
+            'written': written,
             'ok': bool(stream.answered),
             'interrupted': interrupted,
             'warnings': bag.warnings,
@@ -201,6 +158,19 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         }
     _print(result)
     return result
+
+
+def _copied(bag: Bag, named: list[str] | None, written: list[str]) -> list[str]:
+    """Return the topics to copy, in the bag's order: those named (None: all), but none of ours."""
+    for name in named or ():
+        bag.require(name)
+    for name in sorted(set(bag.topics if named is None else named) & set(written)):
+        show(
+            f'{name} of {bag.path} is not copied: replay writes its own (give the node another '
+            'name with --name NODE)',
+            file=sys.stderr,
+        )
+    return [name for name in bag.topics if (named is None or name in named) and name not in written]
 
 
 def _setup(bag: Bag, parsed: argparse.Namespace, columns: log_file.Columns | None) -> Setup:
@@ -211,12 +181,34 @@ def _setup(bag: Bag, parsed: argparse.Namespace, columns: log_file.Columns | Non
     UserError, UsageError : something does not exist, or a parameter is wrong.
     """
     assignments = parse_assignments(parsed.set)
-    stream = requested(bag, parsed.observer, parsed.params, assignments, parsed.name)
+    stream = _stream(bag, parsed, assignments)
     values = parameters(stream, parsed.params, assignments, parsed.observer, parsed.name)
     if columns is not None and columns.prismatic and stream.WRAPS:
         values.setdefault('wrap_period', 0.0)
     return wired(
         stream, bag, values, Request(parsed.measurement, parsed.angle, tuple(parsed.joint))
+    )
+
+
+def _stream(bag: Bag, parsed: argparse.Namespace, assignments: dict[str, Any]) -> type[Stream]:
+    """Return the stream of the observer that is named, else of the file, else of the topics."""
+    named = parsed.observer or assignments.get('observer')
+    if isinstance(named, str):
+        return streams.of_observer(named)
+    known = streams.every()
+    if parsed.params:
+        for stream in known:
+            with suppress(UsageError):  # reported when the file is used
+                section = params_file.load(parsed.params, parsed.name or stream.NODE)
+                if isinstance(section.get('observer'), str):
+                    return streams.of_observer(section['observer'])
+        sections = params_file.section_names(parsed.params)
+        if of_file := [stream for stream in known if stream.NODE in sections]:
+            return of_file[0]
+    joints = bool(measured_topics(bag, empty=True))
+    return next(
+        (stream for stream in known if stream.recognises(bag.has, joints)),
+        streams.named(streams.USUAL),
     )
 
 

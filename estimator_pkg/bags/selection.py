@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.source import CDR
+from estimator_pkg.bags.reader import CDR, Bag
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.streams.angle import ANGLE_TYPES
@@ -45,10 +44,10 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
         return bag.require(named, [TYPE]).name
     bag.check_messages()
     names = measured_topics(bag)
+    if USUAL_MEASUREMENT in names:
+        names = [USUAL_MEASUREMENT]
     if len(names) == 1:
         return bag.require(names[0], [TYPE]).name
-    if USUAL_MEASUREMENT in names:
-        return bag.require(USUAL_MEASUREMENT, [TYPE]).name
     if names:
         raise UserError(
             f'{bag.path} has several topics of joint states: choose one with '

@@ -31,6 +31,10 @@ class Series(NamedTuple):
     velocity: NDArray[np.float64]
     effort: NDArray[np.float64]
 
+    def take(self, rows: NDArray[Any] | slice) -> Series:
+        """Return these rows."""
+        return Series._make(values[rows] for values in self)
+
 
 def joint_series(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Series]:
     """Return the joints of a topic of JointStates, by name, in the order of their appearance.
@@ -118,8 +122,7 @@ def of_positions(stamps_ns: NDArray[np.int64], position: NDArray[np.float64]) ->
 
 def with_velocity(series: Series) -> Series:
     """Return the rows that have a velocity: NaN means that there was no estimate."""
-    missing = np.isnan(series.velocity)
-    return Series._make(values[~missing] for values in series) if missing.any() else series
+    return series.take(~np.isnan(series.velocity))
 
 
 def at_stamps(

@@ -6,16 +6,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import apsw
+import numpy as np
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import REPAIR, PendingBlock, Topic
+from estimator_pkg.bags.reader import Bag, PendingBlock, Topic
+from estimator_pkg.bags.unpacking import PIECE_SIZE, REPAIR
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import from_messages
 
@@ -23,22 +24,12 @@ ROWS = 4096  # messages per block, if they are small
 
 
 class SqliteFile:
-    """A sqlite3 file that is open for reading; see `estimator_pkg.bags.source`.
+    """A sqlite3 file that is open for reading; raises UserError if it cannot be read as a bag."""
 
-    Parameters
-    ----------
-    warn : reports what is damaged.
+    SORTS = False
 
-    Raises
-    ------
-    UserError : it is damaged, was not closed, or is not a bag.
-    """
-
-    sorts = False
-
-    def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
-        self.path = path
-        self._warn = warn
+    def __init__(self, path: Path, bag: Bag) -> None:
+        self._path, self._bag = path, bag
         for log in (path.with_name(path.name + end) for end in ('-wal', '-journal')):
             if log.is_file() and log.stat().st_size:
                 raise UserError(
@@ -56,17 +47,13 @@ class SqliteFile:
         # a message larger than its file is computed, or its pages point to themselves
         largest = min(path.stat().st_size, 2**31 - 1)
         self._reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, largest)
-        self._connections = [
-            item
-            for item in self._reader.connections
-            if isinstance(item.topic, str) and isinstance(item.msgtype, str)
-        ]
-        if len(self._connections) < len(self._reader.connections):
-            warn(f'{path}: the description of a topic is damaged')
-        self.topics = []
-        for item in self._connections:
+        self._numbers: dict[int, int] = {}  # of the bag's topics, by id
+        for item in self._reader.connections:
+            if not (isinstance(item.topic, str) and isinstance(item.msgtype, str)):
+                bag.warn(f'{path}: the description of a topic is damaged')
+                continue
             extension: Any = item.ext  # rosbag2's; rosbags has the same class for rosbag1
-            self.topics.append(
+            self._numbers[item.id] = bag.number(
                 Topic(
                     item.topic,
                     item.msgtype,
@@ -82,31 +69,35 @@ class SqliteFile:
         """Close the file."""
         self._reader.close()
 
-    def pieces(self, places: Sequence[int]) -> Iterator[PendingBlock]:
-        """Yield the messages of these topics in log order."""
-        place_of = {self._connections[place].id: place for place in places}
-        found: list[tuple[int, int, bytes]] = []  # place, time, message
+    def pieces(self, keep: np.ndarray) -> Iterator[PendingBlock]:
+        """Yield the messages of the topics with `keep`, by number."""
+        wanted = [
+            item
+            for item in self._reader.connections
+            if item.id in self._numbers and keep[self._numbers[item.id]]
+        ]
+        found: list[tuple[int, int, bytes]] = []  # topic, time, message
         size = strange = 0
         try:
-            for connection, time_ns, raw in self._reader.messages(
-                [self._connections[place] for place in places]
-            ):
+            for item, time_ns, raw in self._reader.messages(wanted):
                 if not isinstance(raw, bytes) or not isinstance(time_ns, int):
                     strange += 1
                     continue
-                if len(found) == ROWS or (found and size + len(raw) > unpacking.PIECE_SIZE):
+                if len(found) == ROWS or (found and size + len(raw) > PIECE_SIZE):
                     yield _piece(found, size)
                     found, size = [], 0
-                found.append((place_of[connection.id], time_ns, raw))
+                found.append((self._numbers[item.id], time_ns, raw))
                 size += len(raw)
         except (apsw.Error, UnicodeDecodeError) as error:
-            raise UserError(f'{self.path} is damaged: {first_line(error)}; {REPAIR}') from error
+            raise UserError(f'{self._path} is damaged: {first_line(error)}; {REPAIR}') from error
         if found:
             yield _piece(found, size)
         if strange:
-            self._warn(f'{self.path} is damaged: {strange} messages are not bytes and are skipped')
+            self._bag.warn(
+                f'{self._path} is damaged: {strange} messages are not bytes and are skipped'
+            )
 
 
 def _piece(found: list[tuple[int, int, bytes]], size: int) -> PendingBlock:
-    places, times, raws = zip(*found)
-    return PendingBlock(times[0], size, lambda: from_messages(places, times, times, raws))
+    topics, times, raws = zip(*found)
+    return PendingBlock(times[0], size, lambda: from_messages(topics, times, times, raws))

@@ -26,6 +26,11 @@ UNPACK_LIMIT = 256 * MIB  # default limit for one unpacked chunk or message [byt
 UNPACK_RATIO = 100  # largest unpacked size of a file over its size, if that is above UNPACK_LIMIT
 PIECE_SIZE = 4 * MIB  # bytes of a file unpacked at a time
 
+REPAIR = (
+    'to repair it, use `mcap recover FILE -o NEW` (.mcap) or '
+    '`sqlite3 FILE .recover | sqlite3 NEW` (.db3)'
+)  # of a file whose recorder was killed
+
 
 class TooLargeError(UserError):
     """Something unpacks to more than the user allows."""
@@ -89,25 +94,19 @@ def unpack(packed: bytes | memoryview, compression: str, most: int) -> NDArray[n
     return data[:done]
 
 
-def unpack_message(packed: memoryview, what: str, limit: int) -> memoryview:
+def unpack_message(packed: bytes | memoryview, what: str, limit: int) -> bytes:
     """Return a message that was compressed on its own.
 
     Raises
     ------
-    TooLargeError : it unpacks to more than `limit` bytes.
-    ValueError : it is damaged.
+    TooLargeError : it declares more than `limit` bytes.
+    ValueError : it is damaged, or unpacks to more than `limit` bytes without declaring so.
     """
-    data = unpack(packed, 'zstd', limit + 1)
-    check(what, len(data), limit)
     try:
-        size = zstandard.frame_content_size(packed)  # -1: unknown
+        check(what, zstandard.frame_content_size(packed), limit)  # -1: not declared
+        return bytes(zstandard.decompress(packed, limit))
     except zstandard.ZstdError as error:
-        raise ValueError('no zstd frame') from error
-    if not len(data) or size not in (-1, len(data)):
-        raise ValueError('it is truncated')
-    return (
-        data.data if len(data) > PIECE_SIZE else memoryview(data.tobytes())
-    )  # it reserves `limit`
+        raise ValueError(str(error)) from error
 
 
 def unpack_file(packed: Path, target: Path, limit: int) -> None:

@@ -1,27 +1,31 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Connect a stream to a bag: select the stream, its parameters and its topics."""
+"""Connect a stream to a bag: select stream, parameters and topics, and feed it the messages."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from estimator_pkg import params_file, streams
 from estimator_pkg.bags.definitions import fields_of
-from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.selection import measured_topics, measurement_topic
-from estimator_pkg.bags.source import Topic
-from estimator_pkg.errors import UsageError
+from estimator_pkg.bags.reader import Bag, Topic
+from estimator_pkg.bags.selection import measurement_topic
+from estimator_pkg.errors import UsageError, plainly
+from estimator_pkg.messages.block import Block, compact, join
 from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.streams.angle import ANGLE, ANGLE_TYPES, FIELD
-from estimator_pkg.streams.contract import Request, Stream
+from estimator_pkg.streams.contract import Answers, Request, Stream
 
 DATA = 'data'  # the field of the number in std_msgs
+STRIDE = 8  # ranks between two answers; larger than the number of outputs
 
 
 @dataclass(frozen=True)
@@ -73,18 +77,16 @@ class Setup:
         stream = streams.named(self.kind).of(self.values)
         stream.topics = [topic.name if topic else '' for topic in self.ports]
         stream.history = {}
-        measurement = self.ports[0]
-        if self.path and measurement is not None:
-            definition = fields_of(measurement.type, measurement.definition)
-            stream.read_field(Field(definition, measurement.type, self.path))
         for number, (port, topic) in enumerate(zip(stream.inputs, self.ports)):
-            if number and port.field:
-                if topic is None:
-                    named = 'sources' in self.values
-                    remedy = "omit it in 'sources'" if named else "unset 'gyro_topic'"
-                    raise UsageError(f"'{port.topic}' is not in the bag: {remedy}")
-                definition = fields_of(topic.type, topic.definition)
-                stream.read_field(Field(definition, topic.type, port.field), number)
+            path = port.field if number else self.path
+            if not path:
+                continue
+            if topic is None:
+                named = 'sources' in self.values
+                remedy = "omit it in 'sources'" if named else "unset 'gyro_topic'"
+                raise UsageError(f"'{port.topic}' is not in the bag: {remedy}")
+            definition = fields_of(topic.type, topic.definition)
+            stream.read_field(Field(definition, topic.type, path), number)
         return stream
 
 
@@ -101,7 +103,7 @@ def wired(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Re
             raise UsageError(f"--angle '{request.angle}' is incomplete: write it as TOPIC:FIELD")
         if request.measurement:
             raise UsageError('--angle and --measurement are both given: omit one')
-    values = stream.requested(dict(values), request, lambda name: _has(bag, name))
+    values = stream.requested(dict(values), request, bag.has)
     inputs = stream.of(values).inputs
     named = topic or request.measurement
     if request.measurement and len([port for port in inputs if port.answered]) > 1:
@@ -110,61 +112,17 @@ def wired(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Re
             + ' and '.join(port.in_bag for port in inputs if port.answered)
         )
     first = inputs[0]
-    if first.field:
-        measurement, path = bag.require(named or first.in_bag, [first.type]), first.field
-    elif first.type == JOINT_STATE:
+    if first.type == JOINT_STATE and not first.field:
         measurement = bag.topics[measurement_topic(bag, named)]
-    elif first.any_number:
-        measurement, path = bag.require(named or first.in_bag), path or DATA
     else:
-        measurement = bag.require(named or first.in_bag, [first.type])
+        any_type = first.any_number and not first.field
+        measurement = bag.require(named or first.in_bag, () if any_type else [first.type])
+        path = first.field or path or (DATA if any_type else '')
     others = [
-        bag.require(port.in_bag, [port.type])
-        if not port.optional or _has(bag, port.in_bag)
-        else None
+        bag.require(port.in_bag, [port.type]) if not port.optional or bag.has(port.in_bag) else None
         for port in inputs[1:]
     ]
     return Setup(stream.KIND, values, (measurement, *others), path)
-
-
-def _has(bag: Bag, name: str) -> bool:
-    found = bag.topics.get(name)
-    return found is not None and bool(found.count)
-
-
-def requested(
-    bag: Bag,
-    observer: str | None,
-    params: str | None,
-    values: dict[str, Any],
-    node: str | None = None,
-) -> type[Stream]:
-    """Return the requested stream: by observer or parameters, else by the bag's topics.
-
-    Parameters
-    ----------
-    params, values : parameter file, and parameters set on the command line.
-    node : name of the node whose section of the file is used; None: the stream's own.
-    """
-    named = observer or values.get('observer')
-    if isinstance(named, str):
-        return streams.of_observer(named)
-    known = streams.every()
-    if params:
-        sections = params_file.section_names(params)
-        for stream in known:
-            with suppress(UsageError):  # reported when the file is used
-                section = params_file.load(params, node or stream.NODE)
-                if isinstance(section.get('observer'), str):
-                    return streams.of_observer(section['observer'])
-        for stream in known:
-            if stream.NODE in sections:
-                return stream
-    joints = bool(measured_topics(bag, empty=True))
-    return next(
-        (stream for stream in known if stream.recognises(lambda name: _has(bag, name), joints)),
-        streams.named(streams.USUAL),
-    )
 
 
 def parameters(
@@ -192,3 +150,72 @@ def parameters(
             f"parameter 'observer' is {values['observer']!r}: it must be the name of an observer"
         )
     return params_file.of_this_node(values)
+
+
+def answers(stream: Stream, names: Sequence[str], block: Block) -> list[Answers]:
+    """Return the stream's answers to the messages of a block: those of a live node.
+
+    A message of several ports goes to the last port first, so that a source on the topic of the
+    angle is known before the angle.
+
+    Parameters
+    ----------
+    names : the bag's topics, in the order of the block's topic numbers.
+
+    Raises
+    ------
+    UserError : the observer failed (a user's own model or observer can).
+    """
+    ports = [[port for port, topic in enumerate(stream.topics) if topic == name] for name in names]
+    rows = np.flatnonzero(np.array([bool(each) for each in ports])[block.topic])
+    heard = block if len(rows) == len(block) else block.take(rows)
+    with plainly('the observer'):
+        found = stream.feed_block([each[0] if each else -1 for each in ports], heard)
+        if found is None:
+            found = _one_by_one(stream, ports, heard)
+    return [each._replace(rows=rows[each.rows]) for each in found]
+
+
+def _one_by_one(stream: Stream, ports: Sequence[Sequence[int]], block: Block) -> list[Answers]:
+    made: dict[tuple[int, int], list[tuple[int, int, bytes]]] = {}  # by output and size
+    times = block.publish_ns.tolist()
+    for row, topic in enumerate(block.topic.tolist()):
+        raw = block.data[block.start[row] : block.end[row]].tobytes()
+        fed = [stream.feed(port, raw, times[row]) for port in reversed(ports[topic])]
+        for number, answer in enumerate(chain.from_iterable(fed)):
+            for output, message in answer.items():
+                made.setdefault((output, len(message)), []).append(
+                    (row, STRIDE * number + output + 1, message)
+                )
+    found = []
+    for (output, size), each in made.items():
+        rows, ranks, raws = zip(*each)
+        data = np.frombuffer(b''.join(raws), np.uint8).reshape(len(rows), size)
+        found.append(Answers(output, np.array(rows), np.array(ranks), data))
+    return found
+
+
+def in_order(
+    block: Block, topic: NDArray[np.int64], answered: Iterable[tuple[int, Answers]]
+) -> Block:
+    """Return messages of a block and the answers to it, each answer behind its message.
+
+    An answer has the log time of its message, and is published then.
+
+    Parameters
+    ----------
+    topic : shape (n,), new topic of each message of the block; -1: the message is left out.
+    answered : new topic of the answers, and answers.
+    """
+    kept = np.flatnonzero(topic >= 0)
+    parts, rows = [compact(replace(block.take(kept), topic=topic[kept]))], [kept]
+    ranks: list[NDArray[np.int64]] = [np.zeros(len(kept), np.int64)]
+    for number, each in answered:
+        count, size = each.raw.shape
+        start, log_ns = size * np.arange(count), block.log_ns[each.rows]
+        parts.append(
+            Block(np.full(count, number), log_ns, log_ns, each.raw.ravel(), start, start + size)
+        )
+        rows.append(each.rows)
+        ranks.append(np.broadcast_to(np.asarray(each.rank), count))
+    return join(parts).take(np.lexsort((np.concatenate(ranks), np.concatenate(rows))))

@@ -30,7 +30,8 @@ import yaml
 
 from estimator_pkg import __version__, interrupts
 from estimator_pkg.bags.definitions import define
-from estimator_pkg.bags.source import CDR, REPAIR, Topic
+from estimator_pkg.bags.reader import CDR, Topic
+from estimator_pkg.bags.unpacking import REPAIR
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.block import Block

@@ -342,42 +342,6 @@ def test_stamps_of_the_publisher(tmp_path):
     ] == [(START + 5 * i, START + 5 * i) for i in range(100)]
 
 
-REFUSED = [  # words behind the bag, what the line says, exit code
-    ('--observer finite_diference', "did you mean 'finite_difference'?", 2),
-    ('--set bandwith_hz=3', "unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?", 2),
-    ('--set per_joint.a.bandwidth_hz=3', 'or use --observer hybrid_angle', 2),
-    ('--observer pll --set bandwidth_hz=-3', "'bandwidth_hz' = -3 is outside", 2),
-    ('--observer pll --set bandwidth_hz=fast', 'must be a number', 2),
-    ('--set bandwidth_hz', 'is not key=value', 2),
-    ('--set per_joint..prefer=fast', "the joint, as in 'per_joint.JOINT.prefer'", 2),
-    ('--observer pll --set a.b.bandwidth_hz=3', "did you mean 'per_joint.a.b.bandwidth_hz'?", 2),
-    ('--set observer=[a]', 'it must be the name of an observer', 2),
-    ('--name my-node', "--name 'my-node'", 2),
-    ('--set stamp_source=clock', "'clock' is not one of header, publisher", 2),
-    ('--set angle_sign=0', 'must be 1 or -1', 2),
-    ('--measurement /nope', "has no topic '/nope': it has /chatter", 1),
-    (f'--measurement {OTHER}', f'select a number in it with --angle {OTHER}:FIELD', 1),
-    ('--joint elbow', "has no joint 'elbow'; it has a, b", 1),
-    (f'--angle {STATES}', 'is incomplete: write it as TOPIC:FIELD', 2),
-    (f'--angle {STATES}:pose', "has no field 'pose'", 2),
-    (f'--angle {STATES}:header.stamp.sec', "set 'counts_per_revolution'", 2),
-    (f'--angle {STATES}:position[0] --measurement {STATES}', 'are both given', 2),
-    (f'--angle {STATES}:position[0] --joint a --joint b', 'one joint', 2),
-    ('--params /nowhere.yaml', 'cannot read /nowhere.yaml', 1),
-    ('--copy /nope', "has no topic '/nope'", 1),
-]
-
-
-@pytest.mark.parametrize('words, said, code', REFUSED)
-def test_wrong_use_is_one_line_and_leaves_nothing(words, said, code, recording, tmp_path, capsys):
-    out = ['--out', str(tmp_path / 'out')]
-    replay(recording, *words.split(), *out, code=code)
-    error = capsys.readouterr().err
-    assert said in error
-    assert error.count('\n') == 1
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_file_that_names_another_observer_is_not_used(recording, tmp_path, capsys):
     """Gains of one observer mean something else in another."""
     words = ['--set', 'observer=pll']

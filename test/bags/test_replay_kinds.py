@@ -85,21 +85,6 @@ def test_evaluate_wheels(tmp_path, capsys):
     assert '; contradictions 1; now: wheels and gyro contradict' in said
 
 
-@pytest.mark.parametrize(
-    ('bag', 'words', 'said'),
-    [
-        ('base_with_slip', ('track=0.5',), "'radius' is not set"),
-        ('base_with_slip', ('radius=[0.1]', 'track=0.5', 'gyro_topic=gyro'), "'gyro' is not in"),
-        ('sine_12bit', ('radius=[0.1]', 'track=0.5'), "has no joint 'wheel_left_joint'"),
-    ],
-)
-def test_a_base_that_is_not_in_the_bag_is_one_line(bag, words, said, tmp_path, capsys):
-    line = ['replay', DRIVES / bag, '--observer', 'wheel_odometry', *settings(*words)]
-    assert cli.main([*map(str, line), '--out', str(tmp_path / 'out')]) != 0
-    text = capsys.readouterr().err.strip()
-    assert said in text and '\n' not in text
-
-
 def test_mechanical_stands_beside_angle_observers(tmp_path):
     """The parameter file names one observer; its gains are not those of the other."""
     run('simulate', 'pendulum', '--duration', 2, '--set', 'rate=500', '--out', tmp_path / 'bag')
@@ -164,42 +149,3 @@ def test_every_observer_has_a_kind():
     for name in registry.names(registry.OBSERVERS):
         stream = streams.of_observer(name)
         assert set(observers.find(name).gains.__dataclass_fields__) <= set(stream.parameters(name))
-
-
-# ---------------------------------------------------------------- errors, one line each
-
-
-@pytest.fixture(scope='module')
-def bare(tmp_path_factory):
-    """Positions and their truth, and nothing else."""
-    path = tmp_path_factory.mktemp('bare') / 'bag'
-    encode = Encoder().encode
-    with BagWriter(path) as bag:
-        for topic in (STATES, '/ground_truth/joint_states'):
-            bag.add_topic(topic, TYPE)
-        for i in range(400):
-            stamp = 10**18 + i * 2_000_000
-            bag.write(STATES, stamp, encode(stamp, '', ['joint'], [2e-3 * i]))
-            bag.write(
-                '/ground_truth/joint_states', stamp, encode(stamp, '', ['joint'], [2e-3 * i], [1.0])
-            )
-    return path
-
-
-@pytest.mark.parametrize(
-    ('words', 'said'),
-    [
-        (['evaluate', '--observer', 'geso'], 'geso publishes no estimate: '),
-        (['replay', '--observer', 'adaptive'], 'has no effort'),
-        (['replay', '--observer', 'adaptive', '--joint', 'elbow'], "'elbow'; it has joint"),
-        (['replay', '--observer', 'switched'], 'with the effort that the model needs'),
-        (['evaluate', '--observer', 'pmsm', *settings(*MOTOR)], "has no topic '/drive_samples'"),
-        (['evaluate', '--observer', 'geso', *settings('modle=x')], "did you mean 'model'?"),
-        (['evaluate', '--observer', 'pll', '--params', '/nowhere.yaml'], 'cannot read /nowhere'),
-        (['evaluate', '--set', 'order=2'], '--observer'),
-    ],
-)
-def test_what_a_bag_lacks_is_named(bare, words, said, capsys):
-    command, *rest = words
-    assert cli.main([command, str(bare), *rest]) in (1, 2)
-    assert said in capsys.readouterr().err.strip().splitlines()[-1]

@@ -11,7 +11,7 @@ from bag_making import OTHER, START, STATES
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.errors import UserError
-from estimator_pkg.messages.joint_state import Encoder, Layout
+from estimator_pkg.messages.joint_state import Encoder
 
 
 def test_joints_come_go_and_change_order(tmp_path):
@@ -36,19 +36,6 @@ def test_joints_come_go_and_change_order(tmp_path):
         for found, wanted in zip(series[name], columns):
             np.testing.assert_array_equal(found, wanted)
         assert series[name].stamps_ns.dtype == np.int64
-
-
-def test_the_names_are_read_once(tmp_path, monkeypatch):
-    names, read = [f'j{i}' for i in range(2000)], []
-    end = Layout.end
-    monkeypatch.setattr(Layout, 'end', lambda layout: read.append(1) or end(layout))
-    encode = Encoder().encode
-    messages = [(STATES, START + i, encode(i, '', names, [0.1 * i] * 2000)) for i in range(100)]
-    with open_bag(make.ours(tmp_path / 'bag', messages)) as bag:
-        assert len(list(bag.blocks())) > 2
-        series = joint_series(bag, STATES)
-    assert list(series) == names and len(read) == 1
-    assert np.array_equal(series['j7'].position, 0.1 * np.arange(100))
 
 
 def test_what_has_no_joint_is_refused(tmp_path):

@@ -3,7 +3,6 @@
 
 """No bag unpacks to more than it declares, nor to more than the user allows."""
 
-import resource
 import sqlite3
 import subprocess
 import sys
@@ -69,27 +68,22 @@ from estimator_pkg.errors import UserError
 def peak():
     with open('/proc/self/status') as status:
         return next(int(line.split()[1]) for line in status if line.startswith('VmHWM'))
-before, count = peak(), 0
+before = peak()
 try:
     with open_bag(sys.argv[1], int(sys.argv[2])) as bag:
-        count = sum(len(block) for _, block in bag.blocks())
+        for _ in bag.blocks():
+            pass
 except UserError as error:
     print(error, file=sys.stderr)
-print(count, peak() - before)
+print(peak() - before)
 """
 
 
 def read_in_process(path, limit):
-    """(messages, what it says, MiB that a process needs to read a bag)."""
-    done = subprocess.run(
-        [sys.executable, '-c', PEAK, str(path), str(limit)],
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=True,
-    )
-    count, kilobytes = map(int, done.stdout.split())
-    return count, done.stderr, kilobytes / 1024
+    """(what it says, MiB that a process needs to read a bag)."""
+    words = [sys.executable, '-c', PEAK, str(path), str(limit)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=240, check=True)
+    return done.stderr, int(done.stdout) / 1024
 
 
 def with_a_chunk_that_lies(path, kind, size):
@@ -117,20 +111,6 @@ def with_message(path, kind, size):
     path = make.KINDS['sqlite3, messages compressed'](path.with_suffix(''), make.content(9))
     with sqlite3.connect(next(path.glob('*.db3'))) as base:
         base.execute('update messages set data = ? where id = 3', (BOMBS[kind](size),))
-    base.close()
-    return path
-
-
-def with_computed_messages(path, kind, size):
-    """A database whose messages are not in the file: it computes them."""
-    path = make.KINDS['sqlite3'](path.with_suffix(''), make.content(9))
-    with sqlite3.connect(next(path.glob('*.db3'))) as base:
-        base.execute('alter table messages rename to others')
-        base.execute(
-            'create table messages(id integer primary key, topic_id, timestamp, '
-            f'data blob as (zeroblob({size})))'
-        )
-        base.execute('insert into messages select id, topic_id, timestamp from others')
     base.close()
     return path
 
@@ -172,17 +152,16 @@ def with_a_loop_of_pages(path, kind, size):
     [
         (with_a_chunk_that_lies, 'zstd'),
         (with_a_chunk_that_lies, 'lz4 without its size'),
-        (with_computed_messages, 'sqlite3'),
         (with_a_loop_of_pages, 'sqlite3'),
         (with_tiny_messages, 'zstd'),
-        (with_message, 'zstd without its size'),
+        (with_message, 'zstd'),
         (overlapping, ''),
     ],
 )
 def test_no_more_memory_than_the_limit_is_needed(bomb, kind, tmp_path):
     for size in (64 * MIB, 200 * MIB):  # as large as allowed, and refused
         path = bomb(tmp_path / f'{size}.mcap', kind, size)
-        _, said, used = read_in_process(path, 64 * MIB)
+        said, used = read_in_process(path, 64 * MIB)
         assert used < 64 + 24, (size // MIB, said)
         damaged = 'string or blob too big' in said
         assert damaged if kind == 'sqlite3' else 'raise --unpack-limit' in said or size == 64 * MIB
@@ -212,12 +191,6 @@ def test_a_file_without_chunks_is_not_unpacked(tmp_path):
         assert len(list(bag.messages())) == bag.count == 267
 
 
-def test_the_limit_by_itself_stops_a_chunk_that_declares_gigabytes(tmp_path):
-    path = with_chunk(tmp_path / 'bag.mcap', 'zstd without its size', MIB, 4 << 30)
-    with pytest.raises(UserError, match='more than 256 MiB'):
-        open_bag(path)
-
-
 def test_many_large_messages_come_a_few_at_a_time(tmp_path):
     path = make.KINDS['sqlite3, messages compressed'](tmp_path / 'bag', make.content(30))
     with sqlite3.connect(next(path.glob('*.db3'))) as base:
@@ -234,10 +207,8 @@ def test_a_compressed_file_is_bounded(kind, tmp_path, monkeypatch):
     (packed,) = (file for file in path.iterdir() if file.suffix == '.zstd')
     packed.write_bytes(BOMBS['zstd without its size'](64 * MIB))
     monkeypatch.setattr(unpacking, 'UNPACK_RATIO', 2)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4 * MIB, limits[1]))  # no file is larger
-    try:
-        with pytest.raises(UserError, match=f'{packed.name} unpacks to more than 1 MiB'):
-            open_bag(path, MIB)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with (
+        make.no_file_above(4 * MIB),
+        pytest.raises(UserError, match=f'{packed.name} unpacks to more than 1 MiB'),
+    ):
+        open_bag(path, MIB)

@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import resource
 import shutil
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -124,24 +126,22 @@ def split(path: Path, messages, make, parts: int = 3) -> Path:
         )
         names.append(f'{path.name}_{part}{".db3" if files[0].suffix == ".db3" else ".mcap"}')
         shutil.move(files[0], path / names[-1])
+    information = {'version': 5, 'relative_file_paths': names}
     (path / 'metadata.yaml').write_text(
-        yaml.safe_dump(
-            {
-                'rosbag2_bagfile_information': {
-                    'version': 5,
-                    'storage_identifier': 'sqlite3' if names[0].endswith('db3') else 'mcap',
-                    'relative_file_paths': names,
-                    'duration': {'nanoseconds': 1},
-                    'starting_time': {'nanoseconds_since_epoch': START},
-                    'message_count': len(messages),
-                    'topics_with_message_count': [],
-                    'compression_format': '',
-                    'compression_mode': '',
-                }
-            }
-        )
+        yaml.safe_dump({'rosbag2_bagfile_information': information})
     )
     return path
+
+
+@contextmanager
+def no_file_above(size: int):
+    """Within the block a file that grows beyond this many bytes is an OSError."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def opened_by_others(path: Path) -> list[tuple[str, int, bytes]]:

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from estimator_pkg import streams
 from estimator_pkg.bags import recording as recordings
-from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.reader import Bag, UnreadableError
 from estimator_pkg.bags.recording import EstimateSeries, Recording
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions, with_velocity
-from estimator_pkg.bags.source import UnreadableError
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.entries import Entry

@@ -18,7 +18,7 @@ from estimator_pkg.bags import record
 from estimator_pkg.errors import UserError
 
 if TYPE_CHECKING:
-    from estimator_pkg.bags.remote_parameters import RemoteParameters
+    from estimator_pkg.bags.live import RemoteParameters
 
 
 @contextmanager
@@ -48,11 +48,9 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
 @contextmanager
 def remote(node: str, observer: str) -> Iterator[RemoteParameters]:
     """Yield the parameters of a node; UserError: no such node, or it runs another observer."""
-    from estimator_pkg.bags.live import live
+    from estimator_pkg.bags.live import RemoteParameters, live
 
     with live('gain_setter') as here:
-        from estimator_pkg.bags.remote_parameters import RemoteParameters
-
         there = RemoteParameters(here, node)
         runs = there.get(['observer'])['observer']
         if runs not in (None, observer):  # others have gains of the same names

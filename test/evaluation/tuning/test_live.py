@@ -20,11 +20,9 @@ pytest.importorskip('optuna', reason='not run: Optuna is not installed')
 
 def parameter(process_name, name):
     """A parameter of a running node, asked for over DDS."""
-    from estimator_pkg.bags.live import live
+    from estimator_pkg.bags.live import RemoteParameters, live
 
     with live('asker') as here:
-        from estimator_pkg.bags.remote_parameters import RemoteParameters
-
         return RemoteParameters(here, process_name).get([name])[name]
 
 
@@ -33,7 +31,7 @@ def test_a_request_whose_answer_is_lost_is_made_again(monkeypatch):
     from rclpy.parameter_client import AsyncParameterClient
     from rclpy.task import Future
 
-    from estimator_pkg.bags import remote_parameters
+    from estimator_pkg.bags import live
 
     ask, lost = AsyncParameterClient.get_parameters, [Future()]
 
@@ -42,7 +40,7 @@ def test_a_request_whose_answer_is_lost_is_made_again(monkeypatch):
         return lost.pop() if lost else future
 
     monkeypatch.setattr(AsyncParameterClient, 'get_parameters', first_lost)
-    monkeypatch.setattr(remote_parameters, 'ANSWER_WAIT', 2.0)
+    monkeypatch.setattr(live, 'ANSWER_WAIT', 2.0)
     with dds.NodeProcess('estimator_pkg.nodes.executables joint_observer') as process:
         process.prints(' estimates ')
         assert parameter('/joint_observer', 'timeout') == 0.5
