@@ -80,12 +80,9 @@ class Detector:
     def look(self, now: float) -> None:
         """Note what has arrived; to be called often."""
         stream, used = self._stream, self._watch.used
-        for port, (count, since) in enumerate(self._arrivals):
+        for port, (count, _) in enumerate(self._arrivals):
             if stream.received[port] > count:
                 self._arrivals[port] = stream.received[port], now
-                each = self._inputs[port]
-                if count and not each.optional and now - since > self._patience:
-                    self.note('back', key=port, topic=each.topic_name, passed=now - since)
         if not self.first_input and any(stream.received):
             self.first_input = now
         if self._watch.estimated:

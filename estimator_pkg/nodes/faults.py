@@ -120,14 +120,6 @@ FAULTS = (
         harmless=True,
     ),
     Fault(
-        'back',
-        'its messages are back',
-        'the messages are back on {topic}',
-        'the outage lasted {passed:.1f} s',
-        harmless=True,
-        event=True,
-    ),
-    Fault(
         'sensor',
         'readings that no joint can make',
         "the sensor of '{name}' on {topic} may be faulty",

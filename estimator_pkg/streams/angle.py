@@ -360,12 +360,8 @@ class AngleStream(Stream):
                 if self.received[0]
                 else f"no message of '{topic}' of {path} can be read from the file"
             )
-        there = ', '.join(sorted(seen))
-        missing = [name for name in self.settings.only if name not in seen]
-        if missing and not self.settings.is_number:
-            raise UserError(
-                f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has {there}"
-            )
+        if not self.settings.is_number:
+            self.require(path, self.settings.only, seen)
         mixed = self.source.warnings(topic) if isinstance(self.source, FieldSamples) else []
         return [f'{path}: {warning}' for warning in mixed] + [
             f"'{params_file.OVERRIDES}.{name}' is for joint '{name}', which never appeared on "

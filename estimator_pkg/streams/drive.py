@@ -144,10 +144,6 @@ class DriveStream(Stream):
     UNUSED: ClassVar[Mapping[str, str]] = {
         'empty': 'have no row and are dropped: publish at least one sample in each'
     }
-    WRONG: ClassVar[Mapping[str, str]] = {
-        'messages_dropped.unpaired': 'currents or voltages without their partner',
-        'messages_dropped.unbalanced': 'currents whose phases do not sum to zero',
-    }
     settings: DriveSettings
     bank: Motor
 

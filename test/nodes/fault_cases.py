@@ -159,12 +159,6 @@ def too_many(run):
         run.send(stamp_ns=time.time_ns() + step)
 
 
-def back_again(run):
-    run.own.gone('driver')
-    run.own.pass_time(2.0)
-    run.own.publisher('driver')
-
-
 def wrong_event(run):
     event = run.own.encode(time.time_ns() + MS, '', ('opne',))
     run.own.publishers['events'].publish(event)
@@ -261,13 +255,6 @@ CASES = {
         'silent',
         "no sample of joint 'elbow_joint' on SPACE/joint_states .*: check SPACE/driver .*elbow, ",
         lambda run: run.send(names=(*ARM[:2], 'elbow') if run.caused else ARM),
-        later=True,
-        estimates=True,
-    ),
-    'back': Case(
-        'back',
-        r'the messages are back on SPACE/joint_states: the outage lasted \d\.\d s',
-        inject=back_again,
         later=True,
         estimates=True,
     ),
