@@ -11,9 +11,8 @@ from pathlib import Path
 
 import dds
 import pytest
-from stream_roles import Role
+from stream_roles import Flood
 
-from estimator_pkg.nodes import health
 from estimator_pkg.streams.adaptive import AdaptiveStream
 from estimator_pkg.streams.angle import AngleStream
 
@@ -70,10 +69,10 @@ def requests(name):
 
 def test_a_flood_starves_neither_services_nor_reports_and_is_counted(probe):
     """The node gets more than it can handle: it still answers, and says what it lost."""
-    name, rate, joints = 'adaptive_observer', 8000.0, 60
+    name = 'adaptive_observer'
     with (
         dds.NodeProcess(f'estimator_pkg.nodes.executables {name}', *dds.ros_args()) as process,
-        Role('flood', 'joints', str(rate), str(joints)) as source,
+        Flood(8000.0, 60) as source,
     ):
         node = Watched(probe, name, process)
         probe.until(lambda: len(node.reported) > 1)
@@ -110,36 +109,6 @@ def feed(live, names, k):
         bank.take(*args, (0.1,) * len(names))
     else:
         bank.update(*args)
-
-
-def test_a_look_judges_joints_that_are_alive_and_makes_the_entries_of_a_tenth(own, monkeypatch):
-    live = own(AngleStream, timeout=0.02, gap_max=0.02)
-    watch, names, judged, made = live.node.health.watch, [f'j{k}' for k in range(40)], [], []
-
-    def noting(kept, function):
-        return lambda name, *rest: kept.append(name) or function(name, *rest)
-
-    monkeypatch.setattr(watch, 'judge', noting(judged, watch.judge))
-    monkeypatch.setattr(health, 'entry', noting(made, health.entry))
-
-    def look(seconds=0.01):
-        live.now += seconds
-        judged.clear()
-        live.node.health.look()
-        return set(judged)
-
-    for k in range(2):
-        feed(live, names, k)
-    look()
-    live.node.health._last_report += 1e6  # no report is due
-    look(0.03)  # all are lost
-    feed(live, ['j7', 'j9'], 2)
-    assert look() == {'j7', 'j9'}
-    assert look(0.03) == {'j7', 'j9'}  # they get lost
-    assert look() == set()
-    made.clear()
-    look()
-    assert len(made) == len(names) // 10
 
 
 @pytest.mark.parametrize('kind', [AngleStream, AdaptiveStream])
