@@ -217,13 +217,15 @@ def live(probe, kind, file, bag, types):
         node = ObserverNode(kind, **where)  # in no executor: it takes each message at once
         ports = {each.topic_name: number for number, each in enumerate(node._endpoints.inputs)}
         received = node.stream.received
+        sending = [each for each in node._endpoints.publishers if each.topic_name in found]
+        sending += publishers.values()
         try:
             probe.until(
                 lambda: (
                     node._look_around()
                     or (
                         all(each.get_publisher_count() for each in listeners)
-                        and all(each.get_subscription_count() for each in publishers.values())
+                        and all(each.get_subscription_count() for each in sending)
                     )
                 )
             )

@@ -18,7 +18,7 @@ from estimator_pkg import observers, registry, streams
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.nodes.observer import ObserverNode
-from estimator_pkg.nodes.ros_parameters import RosParameters, ros_values
+from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.parameters import declared
 from sim_pkg.contract import RunSettings
 
@@ -195,41 +195,33 @@ def samples(node):
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_each_live_parameter_is_set_in_each_form_while_joints_run(name, probe):
-    stream, known = STREAMS[name], parameters_of(NODES[name][0])
-    observer = OBSERVERS[stream.KIND]
-    overrides = {
+def test_each_live_parameter_is_set_in_each_form_while_joints_run(name, own):
+    family, known = STREAMS[name], parameters_of(NODES[name][0])
+    observer = OBSERVERS[family.KIND]
+    given = {
         'observer': observer,
-        **({'model': 'gripper'} if observer == 'switched' else {}),
+        'model': 'gripper' if observer == 'switched' else '',
         **must(known),
     }
-    live = {name: parameter for name, parameter in known.items() if not parameter.structural}
-    of_joints = declared(stream.PER_JOINT) | declared(observers.find(observer).gains)
-    with in_context() as where:
-        node = ObserverNode(
-            stream,
-            **where,
-            parameter_overrides=ros_values(
-                {name: value for name, value in overrides.items() if name in known}
-            ),
-        )
-        try:
-            for raw in samples(node):
-                node.stream.feed(0, raw, 0)
-            assert all(joint.used == 2 for joint in node.stream.bank.joints.values())
-            (joint, *_) = node.stream.bank.joints
-            for key, parameter in live.items():
-                overridable = stream.OVERRIDES and key in of_joints
-                for full in (key, f'per_joint.{joint}.{key}')[: 1 + overridable]:
-                    before = node.get_parameter(key).value
-                    for value in [*forms(parameter), before]:
-                        (result,) = node.set_parameters([RosParameter(full, value=value)])
-                        assert result.successful or result.reason, (full, value)
-                        for each in node.stream.bank.joints.values():
-                            assert each.used == 2 and len(each.estimate()) == 4
-                    assert result.successful, (full, before, result.reason)
-        finally:
-            node.destroy_node()
+    node = own(
+        family, **{key: value for key, value in given.items() if value and key in known}
+    ).node
+    live = {key: parameter for key, parameter in known.items() if not parameter.structural}
+    of_joints = declared(family.PER_JOINT) | declared(observers.find(observer).gains)
+    for raw in samples(node):
+        node.stream.feed(0, raw, 0)
+    joints = node.stream.bank.joints
+    assert all(joint.used == 2 for joint in joints.values())
+    for key, parameter in live.items():
+        overridable = family.OVERRIDES and key in of_joints
+        for full in (key, f'per_joint.{min(joints)}.{key}')[: 1 + overridable]:
+            before = node.get_parameter(key).value
+            for value in [*forms(parameter), before]:
+                (result,) = node.set_parameters([RosParameter(full, value=value)])
+                assert result.successful or result.reason, (full, value)
+                for each in joints.values():
+                    assert each.used == 2 and len(each.estimate()) == 4
+            assert result.successful, (full, before, result.reason)
 
 
 @pytest.mark.parametrize('name', ['joint_observer', 'pmsm_observer'])
@@ -257,19 +249,14 @@ def test_the_start_names_what_is_not_the_default_and_unknown_names_are_refused(
 
 @pytest.mark.parametrize('call', ['check', 'apply'])
 def test_an_exception_at_a_change_is_one_line_and_the_call_is_answered(
-    call, probe, monkeypatch, capfd
+    call, own, monkeypatch, capfd
 ):
     def fails(configuration):
         raise IndexError('of a model')
 
-    with in_context() as where:
-        node = ObserverNode('mechanical', **where)
-        try:
-            monkeypatch.setattr(node.stream, call, fails)
-            (result,) = node.set_parameters([RosParameter('bandwidth_hz', value=20.0)])
-        finally:
-            node.destroy_node()
-    assert result.successful == (call == 'apply')
+    node = own('mechanical')
+    monkeypatch.setattr(node.node.stream, call, fails)
+    assert bool(node.set(bandwidth_hz=20.0)) == (call == 'check')
     said = capfd.readouterr().err
     assert "observer 'geso' failed: IndexError: of a model (line " in said
     assert len(said.splitlines()) == 2  # that of the start, and this one
