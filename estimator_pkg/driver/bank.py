@@ -158,10 +158,6 @@ class Received:
             self.doubled_names = self._equal
         return True
 
-    def changed_joints(self) -> Iterable[str]:
-        """Return the joints that may have had a sample since the last call."""
-        return tuple(self.joints)
-
     def warm_up(self) -> None:
         """Prepare everything that the first sample needs."""
         for joint in self.joints.values():
@@ -196,8 +192,6 @@ class Bank(Received):
         self.most = math.inf if most is None else most
         self.refused = self.expired = 0
         self.refused_name = ''
-        self._recent: set[Sequence[str]] = set()  # names of messages since `changed_joints`
-        self._noting = False
         self.configuration = configuration
         self.only = frozenset(only)
         self.joints: dict[str, Any] = {}
@@ -205,18 +199,12 @@ class Bank(Received):
         self._unnamed = 0  # joints that the configuration does not name
 
     def warm_up(self) -> None:
-        """Take samples with a joint without a name, and note names from then on."""
+        """Take samples with a joint without a name."""
         self._make('').warm_up()
-        self._noting = True
 
     def named(self, name: str) -> bool:
         """Return True if the configuration names this joint."""
         return name in self.only or name in self.configuration.overrides
-
-    def changed_joints(self) -> Iterable[str]:
-        """Return the joints that may have had a sample since the last call."""
-        recent, self._recent = self._recent, set()
-        return {name for names in recent for name in names if name in self.joints}
 
     def forget(self, name: str) -> None:
         """Remove an expired joint; if it appears again it is a new one."""
@@ -224,11 +212,6 @@ class Bank(Received):
         self._line = None
         self._unnamed -= not self.named(name)
         self.expired += 1
-
-    def _note(self, names: Sequence[str]) -> None:
-        """Note a message with these names."""
-        if self._noting:
-            self._recent.add(names if isinstance(names, tuple) else tuple(names))
 
     def joint(self, name: str) -> Joint | None:
         """Return the joint `name`, created at its first appearance; None if it is not selected, or
@@ -280,7 +263,6 @@ class Bank(Received):
         """
         if not self.fits(names, positions):
             return None
-        self._note(names)
         if self.only or efforts:
             names, positions, efforts = self.selected(names, positions, efforts)
         line = self._line

@@ -90,7 +90,7 @@ class Health:
         due = now - self._last_report >= DIAGNOSTICS
         if due:
             self._expire(now)
-        changed = self.watch.look(now, every=due)
+        changed = self.watch.look(now)
         self._note_changes(changed)
         self._refresh([*changed, *self.watch.due])
         self._detector.look(now)

@@ -114,10 +114,6 @@ class Motor:
         self.configuration = configuration
         self.empty = 0  # batches without a row
 
-    def changed_joints(self) -> tuple[str, ...]:
-        """Return the joint."""
-        return tuple(self.joints)
-
     def warm_up(self) -> None:
         """Prepare everything that the first sample needs."""
         self._joint.warm_up()
