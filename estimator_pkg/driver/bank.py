@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -130,17 +129,13 @@ class Received:
     ----------
     mismatched : number of messages whose arrays do not fit their names.
     empty : number of messages without a position.
-    doubled : number of messages with equal names. doubled_names : those of the newest one.
     """
 
     joints: Mapping[str, Any]
     refused = expired = 0  # samples of names beyond the limit, and expired joints: see `Bank`
 
     def __init__(self) -> None:
-        self.mismatched = self.empty = self.doubled = 0
-        self.doubled_names: set[str] = set()
-        self._names: Sequence[str] = ()  # of the newest message,
-        self._equal: set[str] = set()  # and those that it has more than once
+        self.mismatched = self.empty = 0
 
     def fits(self, names: Sequence[str], positions: Sequence[float]) -> bool:
         """Return True if there is one position per name; otherwise count the message."""
@@ -150,12 +145,6 @@ class Received:
         if len(names) != len(positions):
             self.mismatched += 1
             return False
-        if names is not self._names:
-            self._names = names
-            self._equal = {name for name, count in Counter(names).items() if count > 1}
-        if self._equal:
-            self.doubled += 1
-            self.doubled_names = self._equal
         return True
 
     def warm_up(self) -> None:

@@ -105,8 +105,7 @@ class Motor:
     """The one joint of a drive, with the interface of `Joints`."""
 
     only: frozenset[str] = frozenset()
-    doubled_names: frozenset[str] = frozenset()
-    mismatched = refused = expired = doubled = 0
+    mismatched = refused = expired = 0
 
     def __init__(self, name: str, joint: DriveJoint, configuration: Configuration) -> None:
         self.joints: Mapping[str, Joint] = {name: joint}
