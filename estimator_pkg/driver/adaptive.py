@@ -212,7 +212,6 @@ class AdaptiveBank(Bank):
             self.without_input += 1
             self.mismatched += 1
             return None
-        self._note(names)
         names, positions, efforts = self.selected(names, positions, efforts)
         joints: list[Any] = []
         estimates: list[tuple[float, float, float, int] | None] = []

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -130,17 +129,13 @@ class Received:
     ----------
     mismatched : number of messages whose arrays do not fit their names.
     empty : number of messages without a position.
-    doubled : number of messages with equal names. doubled_names : those of the newest one.
     """
 
     joints: Mapping[str, Any]
     refused = expired = 0  # samples of names beyond the limit, and expired joints: see `Bank`
 
     def __init__(self) -> None:
-        self.mismatched = self.empty = self.doubled = 0
-        self.doubled_names: set[str] = set()
-        self._names: Sequence[str] = ()  # of the newest message,
-        self._equal: set[str] = set()  # and those that it has more than once
+        self.mismatched = self.empty = 0
 
     def fits(self, names: Sequence[str], positions: Sequence[float]) -> bool:
         """Return True if there is one position per name; otherwise count the message."""
@@ -150,17 +145,7 @@ class Received:
         if len(names) != len(positions):
             self.mismatched += 1
             return False
-        if names is not self._names:
-            self._names = names
-            self._equal = {name for name, count in Counter(names).items() if count > 1}
-        if self._equal:
-            self.doubled += 1
-            self.doubled_names = self._equal
         return True
-
-    def changed_joints(self) -> Iterable[str]:
-        """Return the joints that may have had a sample since the last call."""
-        return tuple(self.joints)
 
     def warm_up(self) -> None:
         """Prepare everything that the first sample needs."""
@@ -196,8 +181,6 @@ class Bank(Received):
         self.most = math.inf if most is None else most
         self.refused = self.expired = 0
         self.refused_name = ''
-        self._recent: set[Sequence[str]] = set()  # names of messages since `changed_joints`
-        self._noting = False
         self.configuration = configuration
         self.only = frozenset(only)
         self.joints: dict[str, Any] = {}
@@ -205,18 +188,12 @@ class Bank(Received):
         self._unnamed = 0  # joints that the configuration does not name
 
     def warm_up(self) -> None:
-        """Take samples with a joint without a name, and note names from then on."""
+        """Take samples with a joint without a name."""
         self._make('').warm_up()
-        self._noting = True
 
     def named(self, name: str) -> bool:
         """Return True if the configuration names this joint."""
         return name in self.only or name in self.configuration.overrides
-
-    def changed_joints(self) -> Iterable[str]:
-        """Return the joints that may have had a sample since the last call."""
-        recent, self._recent = self._recent, set()
-        return {name for names in recent for name in names if name in self.joints}
 
     def forget(self, name: str) -> None:
         """Remove an expired joint; if it appears again it is a new one."""
@@ -224,11 +201,6 @@ class Bank(Received):
         self._line = None
         self._unnamed -= not self.named(name)
         self.expired += 1
-
-    def _note(self, names: Sequence[str]) -> None:
-        """Note a message with these names."""
-        if self._noting:
-            self._recent.add(names if isinstance(names, tuple) else tuple(names))
 
     def joint(self, name: str) -> Joint | None:
         """Return the joint `name`, created at its first appearance; None if it is not selected, or
@@ -280,7 +252,6 @@ class Bank(Received):
         """
         if not self.fits(names, positions):
             return None
-        self._note(names)
         if self.only or efforts:
             names, positions, efforts = self.selected(names, positions, efforts)
         line = self._line

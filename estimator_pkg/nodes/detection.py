@@ -67,7 +67,6 @@ class Detector:
         # received messages by port, and when their number last grew
         self._arrivals = [(0, started)] * len(stream.inputs)
         self._patience = PAUSE  # longest pause of the messages that is no outage [s]
-        self._doubled = 0  # messages with equal names
         self._offset = math.inf  # least distance of stamps from the clock since the report [s]
         self._losses: deque[tuple[int, int]] = deque(maxlen=LOSSES)
         self._without_estimate = started, 0  # since when, and received messages then
@@ -80,12 +79,9 @@ class Detector:
     def look(self, now: float) -> None:
         """Note what has arrived; to be called often."""
         stream, used = self._stream, self._watch.used
-        for port, (count, since) in enumerate(self._arrivals):
+        for port, (count, _) in enumerate(self._arrivals):
             if stream.received[port] > count:
                 self._arrivals[port] = stream.received[port], now
-                each = self._inputs[port]
-                if count and not each.optional and now - since > self._patience:
-                    self.note('back', key=port, topic=each.topic_name, passed=now - since)
         if not self.first_input and any(stream.received):
             self.first_input = now
         if self._watch.estimated:
@@ -183,14 +179,6 @@ class Detector:
                 who = ' and '.join(sorted(each.found)[:2])
                 who = who if len(each.found) == 2 else f'several of {listed(sorted(each.found))}'
                 yield {'key': each.port, 'names': said, 'topic': each.topic_name, 'who': who}
-
-    def equal_names(self) -> Iterator[Values]:
-        """The joints that one message has more than once."""
-        bank = self._stream.bank
-        count, self._doubled = bank.doubled - self._doubled, bank.doubled
-        names = sorted(bank.doubled_names.intersection(self._watch.names_of(bank.joints)))
-        if names:
-            yield from self._counted(count, 'messages_received', names=called(names))
 
     # Silence
 

@@ -20,11 +20,7 @@ from time import monotonic, time_ns
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.event_handler import (
-    PublisherEventCallbacks,
-    SubscriptionEventCallbacks,
-    UnsupportedEventTypeError,
-)
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
@@ -205,18 +201,14 @@ class Input:
             # EventsExecutor of rclpy 7.1 passes one tuple, other executors two arguments.
             self._came(*(arguments if len(arguments) == 2 else arguments[0]))
 
-        def make(**events: Any) -> Subscription:
-            made = SubscriptionEventCallbacks(incompatible_qos=self._mismatch, **events)
-            return self._node.create_subscription(
-                self._kind, self.port, callback, self.qos, raw=True, event_callbacks=made
-            )
-
         callback.__signature__ = _TWO_ARGUMENTS  # type: ignore[attr-defined]  # rclpy counts them
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=self._mismatch, matched=self._matched, message_lost=self._reported
+        )
         with _in_words(self.port):
-            try:
-                return make(matched=self._matched, message_lost=self._reported)
-            except UnsupportedEventTypeError:  # this middleware has no such events
-                return make()
+            return self._node.create_subscription(
+                self._kind, self.port, callback, self.qos, raw=True, event_callbacks=events
+            )
 
     def _came(self, raw: bytes, info: Mapping[str, Any]) -> None:
         number = info['publication_sequence_number']

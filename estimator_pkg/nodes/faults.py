@@ -106,26 +106,10 @@ FAULTS = (
         harmless=True,
     ),
     Fault(
-        'equal_names',
-        'one name twice in a message',
-        '{count} of {received} messages on {topic} have several positions of {names}, and one is '
-        'used',
-        'give each joint of the publisher its own name',
-        harmless=True,
-    ),
-    Fault(
         'silent',
         'its messages, or those with a joint, end',
         'no {what} on {topic} for {passed:.1f} s',
         harmless=True,
-    ),
-    Fault(
-        'back',
-        'its messages are back',
-        'the messages are back on {topic}',
-        'the outage lasted {passed:.1f} s',
-        harmless=True,
-        event=True,
     ),
     Fault(
         'sensor',
@@ -190,9 +174,9 @@ FAULTS = (
         'duplicate',
         'stamps that repeat',
         '{count} of {received} samples on {topic} repeat the previous stamp and are dropped',
-        'stamp each measurement once{other}',
+        'stamp each measurement once, and name each joint once in a message{other}',
         find='dropped',
-        unless=('twice', 'equal_names'),
+        unless=('twice',),
         confirmed=True,
     ),
     Fault(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from time import monotonic
-from typing import Any, ClassVar
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
@@ -25,6 +25,11 @@ from estimator_pkg.sensor.guard import VERDICTS
 from estimator_pkg.streams.contract import Stream
 
 DIAGNOSTICS = 1.0  # time between two messages on /diagnostics [s]
+KINDS = ('messages_dropped', 'dropped')  # counters of losses by kind,
+LOSSES = (  # and others
+    *(f'events.{kind}' for kind in ('outage', 'clock_jump', 'stray_stamp')),
+    *('joints_expired', 'lost_by_dds'),
+)
 ELSEWHERE = ('zero_stamp', 'duplicate', 'repeated')  # reasons of drops that have their own rows
 
 
@@ -38,33 +43,12 @@ class Health:
     Attributes
     ----------
     watch : statuses of the joints.
-    WRONG : description of each problem, by the name of its counter.
     """
-
-    WRONG: ClassVar[Mapping[str, str]] = {
-        'messages_dropped.empty': 'messages without positions',
-        'messages_dropped.mismatched': 'messages whose arrays do not match',
-        'messages_dropped.failed': 'messages on which the observer failed',
-        'dropped.duplicate': 'duplicates',
-        'dropped.late': 'late samples',
-        'dropped.non_finite': 'samples that are not finite, or too large for any joint',
-        'dropped.zero_stamp': 'samples without a stamp',
-        'dropped.misconfigured': 'samples of misconfigured joints',
-        'dropped.repeated': 'repeated readings',
-        'events.outage': 'outages',
-        'events.clock_jump': 'clock jumps',
-        'events.stray_stamp': 'stamps far in the future',
-        'dropped.refused': 'samples of new joints beyond joints_max (name the required joints '
-        'in joints, or raise joints_max)',
-        'joints_expired': 'joints that were removed after expiry',
-        'lost_by_dds': 'messages lost by DDS',
-    }
 
     def __init__(
         self, node: Node, stream: Stream, endpoints: Endpoints, ros: RosParameters
     ) -> None:
         self._node, self._stream, self._endpoints, self._ros = node, stream, endpoints, ros
-        self._wrong = {**self.WRONG, **stream.WRONG}
         self._status = endpoints.publisher(DiagnosticArray, '~/status', latched())
         self._diagnostics = endpoints.publisher(DiagnosticArray, '/diagnostics')
         self._failed = 0
@@ -106,7 +90,7 @@ class Health:
         due = now - self._last_report >= DIAGNOSTICS
         if due:
             self._expire(now)
-        changed = self.watch.look(now, every=due)
+        changed = self.watch.look(now)
         self._note_changes(changed)
         self._refresh([*changed, *self.watch.due])
         self._detector.look(now)
@@ -219,11 +203,14 @@ class Health:
         }
 
     def _counted(self, new: dict[str, int]) -> list[str]:
-        """Return the counters that grew, as texts; no input is one of them."""
-        counted = [f'{new[key]} {text}' for key, text in self._wrong.items() if new.get(key)]
+        """Return the losses that were counted, as texts; no input is one of them."""
+        counted = [
+            f'{count} {key}'
+            for key, count in new.items()
+            if count and (key in LOSSES or key.partition('.')[0] in KINDS)
+        ]
         if new['messages_dropped.malformed']:
-            why = self._stream.complaint[1]
-            counted.insert(0, f'{new["messages_dropped.malformed"]} malformed messages ({why})')
+            counted.insert(0, f'malformed: {self._stream.complaint[1]}')
         if not new['messages_received'] and not self._faults.present:
             measured = self._endpoints.inputs[0]
             waits = f': waits for a publisher of {measured.topic_name}'

@@ -76,28 +76,20 @@ class JointWatch:
         self._stream = stream
         self.statuses: dict[str, Status] = {}
         self.used: dict[str, tuple[int, float, int]] = {}
-        self._alive: set[str] = set()  # joints that are not lost
         self._turn = 0
         self.due: list[str] = []
 
-    def look(self, now: float, every: bool) -> dict[str, tuple[Status, Status]]:
-        """Return the joints whose status changed, with the statuses before and now.
-
-        A lost joint stays lost until a sample arrives: only the others are looked at, unless
-        `every` joint is.
-        """
-        bank, statuses = self._stream.bank, self.statuses
-        joints, touched = bank.joints, bank.changed_joints()
-        names = joints if every or len(joints) != len(statuses) else self._alive.union(touched)
+    def look(self, now: float) -> dict[str, tuple[Status, Status]]:
+        """Return the joints whose status changed, with the statuses before and now."""
+        joints, statuses = self._stream.bank.joints, self.statuses
         self._turn = (self._turn + 1) % TURNS
         self.due = list(joints)[self._turn :: TURNS]
-        changed = {}
-        for name in joints if len(names) == len(joints) else sorted(names):
+        due, changed = set(self.due), {}
+        for name, joint in joints.items():
             before = statuses.get(name)
-            status = self.judge(name, joints[name], now, before if name not in self.due else None)
+            status = self.judge(name, joint, now, None if name in due else before)
             if status != before:
                 changed[name] = before or NEW, status
-                (self._alive.discard if status[0] == LOST else self._alive.add)(name)
                 statuses[name] = status
         return changed
 
@@ -169,7 +161,6 @@ class JointWatch:
         for name in names:
             self.used.pop(name, None)
             self.statuses.pop(name, None)
-        self._alive.difference_update(names)
 
     def names_of(self, kept: Iterable[str]) -> Iterator[str]:
         """Return the names of the messages that belong to joints of the bank."""

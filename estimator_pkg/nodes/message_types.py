@@ -9,9 +9,7 @@ import re
 from functools import lru_cache
 from typing import Any
 
-from rclpy.type_support import check_is_valid_msg_type
-
-from estimator_pkg.errors import UsageError, first_line, suggestion
+from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.messages.field import EMPTY, SEQUENCE, Kind
 from estimator_pkg.ros.message_class import (
     TYPE_NAME,
@@ -39,10 +37,8 @@ def find(type_name: str, parameter: str = 'field_type') -> Any:
     wrong = f"parameter '{parameter}': "
     named = TYPE_NAME.fullmatch(type_name)
     if named is None:
-        words = [word for word in re.split(r'[/.:]+', type_name) if word != 'msg']
-        guess = '/msg/'.join(words)
-        right = guess if TYPE_NAME.fullmatch(guess) else 'geometry_msgs/msg/PoseStamped'
-        raise UsageError(f"{wrong}'{type_name}' is not a message type: write it as {right}")
+        example = 'geometry_msgs/msg/PoseStamped'
+        raise UsageError(f"{wrong}'{type_name}' is not a message type: write it as {example}")
     package = named[1]
     types = message_types(package)
     found = message_class(type_name)
@@ -57,14 +53,8 @@ def find(type_name: str, parameter: str = 'field_type') -> Any:
             f"{wrong}the package '{package}' is not installed, or has no messages: "
             + f'{hint} install it, or source its workspace'.strip()
         )
-    try:
-        if found is None:
-            raise ImportError('its Python module is not found')
-        check_is_valid_msg_type(found)
-    except Exception as error:  # of rclpy or of the package: an incomplete build
-        raise UsageError(
-            f'{wrong}{type_name} cannot be used: {first_line(error)}; build {package} again'
-        ) from error
+    if found is None:
+        raise UsageError(f'{wrong}{type_name} cannot be imported: build {package} again')
     return found
 
 

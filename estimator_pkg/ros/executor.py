@@ -26,15 +26,11 @@ from rclpy.executors import (
     SingleThreadedExecutor,
     TimeoutException,
 )
+from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_default_context
-
-try:
-    from rclpy.experimental import EventsExecutor
-except ImportError:  # an rclpy without it: SteadyExecutor does without, too
-    EventsExecutor = None  # type: ignore[assignment]  # it is compared with None alone
 
 TURN = 0.01  # time for the messages of one subscription before everything else may run [s]
 ASK_EVERY = 0.05  # time between two measurements of the queue's age [s]
@@ -161,9 +157,7 @@ class SteadyExecutor:
         self._context = context or get_default_context()
         self._nodes: list[Node] = []
         self._turns = TurnsExecutor(context=context)
-        self._events: Any = None
-        if EventsExecutor is not None:
-            self._events = EventsExecutor(context=context)
+        self._events: Any = EventsExecutor(context=context)
         self._asked = 0.0  # when an event was queued to measure its waiting time; 0: it has run
         self._ask_at = 0.0
         self._ran = 0  # callbacks since then

@@ -188,12 +188,8 @@ class AdaptiveStream(DrivenStream):
 
     def finish(self, path: str) -> list[str]:
         """See `Stream`."""
-        missing = [name for name in self.settings.only if name not in self._seen]
-        if missing and self._seen:
-            raise UserError(
-                f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}'; it "
-                f'has {", ".join(sorted(self._seen))}'
-            )
+        if self._seen:
+            self.require(path, self.settings.only, self._seen)
         return []
 
     @classmethod
@@ -201,10 +197,6 @@ class AdaptiveStream(DrivenStream):
         cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
     ) -> dict[str, Any]:
         """See `Stream`."""
-        if request.angle:
-            raise UsageError(
-                '--angle is for observers of the angle only; adaptive needs the effort too'
-            )
         if request.joints:
             values['joints'] = list(request.joints)
-        return values
+        return super().requested(values, request._replace(joints=()), has)

@@ -21,7 +21,7 @@ from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError, UserError, plainly, suggestion
 from estimator_pkg.messages.block import Block
-from estimator_pkg.messages.field import Field
+from estimator_pkg.messages.field import Field, Kind
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import ACCELERATION, Answering
@@ -40,7 +40,7 @@ from estimator_pkg.streams.contract import (
     Values,
 )
 from estimator_pkg.streams.smoothing import SMOOTHED, SMOOTHED_STDDEV, Smoothing
-from estimator_pkg.streams.sources import FieldSamples, JointStates, Numbers, Source
+from estimator_pkg.streams.sources import FieldSamples, JointStates, Source
 
 JOINT_STATES = 'joint_states'
 ANGLE = 'angle'
@@ -212,8 +212,9 @@ class AngleStream(Stream):
         if settings.input == FIELD:
             port = Port(ANGLE, settings.field_type, field=settings.field)
         elif settings.input == ANGLE:
-            self.source = Numbers(settings.angle_type, settings.angle_joint, settings.raw_angle)
-            port = Port(ANGLE, self.source.type, any_number=True)
+            kind = Kind(settings.angle_type.lower())
+            port = Port(ANGLE, f'std_msgs/msg/{settings.angle_type}', any_number=True)
+            self.source = _number(Field(lambda _: {'data': kind}, port.type, 'data'), settings)
         else:
             self.source = JointStates(settings.stamp_source == PUBLISHER)
             port = Port(JOINT_STATES, self.source.type)
@@ -279,10 +280,7 @@ class AngleStream(Stream):
         """See `Stream`; without `Smoothing`, which takes messages one by one."""
         if self._smoothing.wanted:
             return None
-        found = self.source.samples(block)
-        if found is None:
-            return None
-        groups, malformed = found
+        groups, malformed = self.source.samples(block)
         self.received[0] += len(block) - len(malformed)
         for row in malformed:  # counted with the reason
             self.feed(0, bytes(block.data[block.start[row] : block.end[row]]), 0)
@@ -298,9 +296,7 @@ class AngleStream(Stream):
                 f"'{field.path}' of {field.type} is a whole number, so it carries counts: set "
                 "'counts_per_revolution'"
             )
-        self.source = FieldSamples(
-            field, settings.angle_joint, settings.raw_angle, settings.stamp_source == PUBLISHER
-        )
+        self.source = _number(field, settings)
 
     def _period_of(self, name: str) -> float:
         """Return the wrap period of a joint [rad]."""
@@ -360,12 +356,8 @@ class AngleStream(Stream):
                 if self.received[0]
                 else f"no message of '{topic}' of {path} can be read from the file"
             )
-        there = ', '.join(sorted(seen))
-        missing = [name for name in self.settings.only if name not in seen]
-        if missing and not self.settings.is_number:
-            raise UserError(
-                f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has {there}"
-            )
+        if not self.settings.is_number:
+            self.require(path, self.settings.only, seen)
         mixed = self.source.warnings(topic) if isinstance(self.source, FieldSamples) else []
         return [f'{path}: {warning}' for warning in mixed] + [
             f"'{params_file.OVERRIDES}.{name}' is for joint '{name}', which never appeared on "
@@ -410,3 +402,8 @@ class AngleStream(Stream):
             if joint is None:
                 return None
             return joint, joint.run(stamps_ns, positions)
+
+
+def _number(field: Field, settings: AngleSettings) -> FieldSamples:
+    by_publisher = settings.stamp_source == PUBLISHER
+    return FieldSamples(field, settings.angle_joint, settings.raw_angle, by_publisher)

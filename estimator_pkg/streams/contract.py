@@ -12,7 +12,7 @@ each found through its entry point.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar
@@ -202,9 +202,9 @@ class Stream(ABC):
     SEPARATE : each joint can be estimated without the others.
     IN_ARRAYS : `run` takes all samples of a joint at once.
     USUAL : usual topics of the family in a bag.
-    KEPT, NAMED_IN, UNUSED, MISMATCH, WRONG : texts: the word for a joint, the parameters that name
-        joints, why messages are unused by the kind of `unused`, why they are mismatched, and
-        descriptions of further counters.
+    KEPT, NAMED_IN, UNUSED, MISMATCH, NAME_THEM : texts: the word for a joint, the parameters that
+        name joints, why messages are unused by the kind of `unused`, why they are mismatched, and
+        how a command names the joints.
     wanted : True for each output that is to be made.
     received, malformed : numbers of messages by port. answered : messages with an estimate.
     skip : True if a message with a joint that has no estimate is not answered.
@@ -229,7 +229,7 @@ class Stream(ABC):
         'topic that has them'
     }
     MISMATCH: ClassVar[str] = 'their names and positions differ in number'
-    WRONG: ClassVar[Mapping[str, str]] = {}
+    NAME_THEM: ClassVar[str] = "name the joints with --set 'joints=[...]'"
 
     def __init__(
         self,
@@ -582,6 +582,15 @@ class Stream(ABC):
         """As `end`, for what the family needs."""
         return []
 
+    def require(self, path: str, names: Iterable[str], seen: Collection[str]) -> None:
+        """Raise UserError if one of these joints was in no message of the bag `path`."""
+        for name in names:
+            if name not in seen:
+                there = ', '.join(sorted(seen)) or 'none'
+                raise UserError(
+                    f"topic '{self.topics[0]}' of {path} has no joint '{name}'; it has {there}"
+                )
+
     # Bags
 
     @classmethod
@@ -598,6 +607,10 @@ class Stream(ABC):
         ------
         UsageError : the request does not fit this family.
         """
+        if request.angle or request.joints:
+            raise UsageError(
+                f'--angle and --joint are for observers of single angles: {cls.NAME_THEM}'
+            )
         return values
 
     @classmethod

@@ -105,18 +105,13 @@ class Motor:
     """The one joint of a drive, with the interface of `Joints`."""
 
     only: frozenset[str] = frozenset()
-    doubled_names: frozenset[str] = frozenset()
-    mismatched = refused = expired = doubled = 0
+    mismatched = refused = expired = 0
 
     def __init__(self, name: str, joint: DriveJoint, configuration: Configuration) -> None:
         self.joints: Mapping[str, Joint] = {name: joint}
         self._joint = joint
         self.configuration = configuration
         self.empty = 0  # batches without a row
-
-    def changed_joints(self) -> tuple[str, ...]:
-        """Return the joint."""
-        return tuple(self.joints)
 
     def warm_up(self) -> None:
         """Prepare everything that the first sample needs."""
@@ -143,10 +138,6 @@ class DriveStream(Stream):
     USUAL: ClassVar[tuple[str, ...]] = ('/drive_samples', '/current', '/voltage')
     UNUSED: ClassVar[Mapping[str, str]] = {
         'empty': 'have no row and are dropped: publish at least one sample in each'
-    }
-    WRONG: ClassVar[Mapping[str, str]] = {
-        'messages_dropped.unpaired': 'currents or voltages without their partner',
-        'messages_dropped.unbalanced': 'currents whose phases do not sum to zero',
     }
     settings: DriveSettings
     bank: Motor

@@ -6,13 +6,12 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, ClassVar
 
 from estimator_pkg.driver.efforts import EFFORT_COMMAND, EFFORT_FIELD
-from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import multi_array
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
@@ -27,7 +26,6 @@ from estimator_pkg.streams.contract import (
     Answer,
     Output,
     Port,
-    Request,
     Stream,
     StreamSettings,
 )
@@ -175,15 +173,3 @@ class DrivenStream(Stream):
         """See `Stream`."""
         settings: Any = self.bank.joints[name].settings
         return {'input': self.settings.input, 'input_unit': settings.input_unit}
-
-    @classmethod
-    def requested(
-        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
-    ) -> dict[str, Any]:
-        """See `Stream`."""
-        if request.angle or request.joints:
-            raise UsageError(
-                '--angle and --joint are for observers of single angles: name the joints with '
-                "--set 'joints=[...]'"
-            )
-        return values

@@ -11,7 +11,7 @@ from typing import Any
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration, SourceSettings
 from estimator_pkg.driver.fused import FusedJoint
-from estimator_pkg.errors import UsageError, UserError, suggestion
+from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.field import Field
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
@@ -116,10 +116,5 @@ class InformedStream(AngleStream):
 
     def finish(self, path: str) -> list[str]:
         """See `Stream`; joints of the sources must exist."""
-        missing = sorted(self._named() - set(self.bank.joints))
-        if missing:
-            raise UserError(
-                f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}', which a source "
-                f'measures: {suggestion(missing[0], self.bank.joints)}'
-            )
+        self.require(path, sorted(self._named()), self.bank.joints)
         return super().finish(path)

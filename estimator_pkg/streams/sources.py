@@ -1,11 +1,11 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Messages of the measurement to samples: joint states, numbers, and fields of any type."""
+"""Messages of the measurement to samples: joint states, and a number in any type."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -16,7 +16,6 @@ from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.messages.joint_state_block import decode_block
-from estimator_pkg.messages.number import decoder as number_decoder
 from estimator_pkg.streams.arrays import Samples
 
 
@@ -38,8 +37,8 @@ class Source(Protocol):
     def sample(self, raw: bytes, publish_ns: int) -> Sample:
         """Convert one message; raise MalformedMessageError if it has another type."""
 
-    def samples(self, block: Block) -> tuple[list[Samples], list[int]] | None:
-        """Convert a block; return samples and malformed rows, or None: only one by one."""
+    def samples(self, block: Block) -> tuple[list[Samples], list[int]]:
+        """Convert a block; return samples and malformed rows."""
 
 
 class JointStates:
@@ -81,23 +80,6 @@ class JointStates:
             )
             for group in groups
         ], malformed
-
-
-class Numbers:
-    """Samples of one joint from numbers of std_msgs, stamped with the time of publishing."""
-
-    def __init__(self, kind: str, joint: str, angle: RawAngle) -> None:
-        self.type = f'std_msgs/msg/{kind}'
-        self._number: Callable[[bytes], float] = number_decoder(kind)
-        self._angle = angle.angle
-        self._names = (joint,)
-
-    def sample(self, raw: bytes, publish_ns: int) -> Sample:
-        """See `Source`."""
-        return Sample(publish_ns, '', self._names, (self._angle(self._number(raw)),))
-
-    def samples(self, block: Block) -> None:
-        """See `Source`."""
 
 
 class FieldSamples:

@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
 from estimator_pkg.driver.bank import Bank, Taken
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import odometry
 from estimator_pkg.messages.field import Field
@@ -29,7 +29,6 @@ from estimator_pkg.streams.contract import (
     Answer,
     Output,
     Port,
-    Request,
     Stream,
     StreamSettings,
 )
@@ -102,6 +101,7 @@ class WheelStream(Stream):
     KIND = 'wheels'
     NODE = 'wheel_odometry'
     SETTINGS = WheelSettings
+    NAME_THEM = "name the wheels with --set 'wheels_left=[...]'"
     bank: Bank
     settings: WheelSettings
 
@@ -194,22 +194,5 @@ class WheelStream(Stream):
 
     def finish(self, path: str) -> list[str]:
         """See `Stream`."""
-        for name in self.settings.names:
-            if name not in self.bank.joints:
-                raise UserError(
-                    f"topic '{self.topics[0]}' of {path} has no joint '{name}': name the wheels "
-                    "in 'wheels_left' and 'wheels_right'"
-                )
+        self.require(path, self.settings.names, self.bank.joints)
         return []
-
-    @classmethod
-    def requested(
-        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
-    ) -> dict[str, Any]:
-        """See `Stream`."""
-        if request.angle or request.joints:
-            raise UsageError(
-                '--angle and --joint are for observers of single angles: name the wheels with '
-                "--set 'wheels_left=[...]'"
-            )
-        return values

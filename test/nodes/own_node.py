@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import dds
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -136,10 +138,31 @@ class OwnNode:
         self.pass_time(1.1)
         return self.diagnostics[-1][1]
 
+    def set(self, **values: Any) -> str:
+        """Set parameters together ('__' stands for '.'); why the node refuses, '' where not."""
+        given = {key.replace('__', '.'): value for key, value in values.items()}
+        result = self.node.set_parameters_atomically(ros_values(given))
+        return '' if result.successful else result.reason
+
+    def status_of(self, joint: str) -> tuple[int, str]:
+        """The status of a joint at the node's last look, and why."""
+        return self.node.health.watch.statuses[joint]
+
     def close(self) -> None:
         self.node.destroy_node()
         for each in self.others.values():
             each.destroy_node()
+
+
+@contextmanager
+def in_context(file: Any = None) -> Iterator[dict[str, Any]]:
+    """Arguments for a node on its own context, which reads a parameter file as ROS does."""
+    context = rclpy.Context()
+    rclpy.init(args=dds.ros_args(file=file), context=context, domain_id=dds.DOMAIN)
+    try:
+        yield {'context': context}
+    finally:
+        rclpy.try_shutdown(context=context)
 
 
 def logged(text: str) -> list[tuple[str, str]]:

@@ -3,13 +3,19 @@
 
 """The node adaptive_observer over real DDS: parameters, freezing, saving, starting frozen."""
 
+import itertools
+
 import dds
 import numpy as np
 import pytest
 from answers import estimated, valid
+from own_node import BEGIN
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray
 
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.identified import load
+from estimator_pkg.estimate import LOST
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers.adaptive.observer import Adaptive
 from estimator_pkg.parameters import build
@@ -52,22 +58,21 @@ def values_of(entry):
     return {item.key: item.value for item in entry.values}
 
 
-def test_learns_reports_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
+def test_learns_reports_freezes_saves_and_starts_frozen(motor, probe, own, tmp_path):
     from diagnostic_msgs.msg import DiagnosticArray
     from std_srvs.srv import SetBool, Trigger
 
     raws, true = motor
     path = tmp_path / 'motor.yaml'
     reported = []
-    subscription = probe.node.create_subscription(
+    probe.node.create_subscription(
         DiagnosticArray, '/adaptive_observer/identified_parameters', reported.append, 10
     )
-
-    def node_with(*more):
-        values = (f'parameters_file:={path}', 'torque_constant:=0.6', 'input_unit:=V', *more)
-        return dds.NodeProcess(MODULE, *dds.ros_args(*values, remap=['joint_states:=/motor']))
-
-    with node_with(), dds.Observer(probe, '/adaptive_observer', '/motor') as node:
+    values = (f'parameters_file:={path}', 'torque_constant:=0.6', 'input_unit:=V')
+    with (
+        dds.NodeProcess(MODULE, *dds.ros_args(*values, remap=['joint_states:=/motor'])),
+        dds.Observer(probe, '/adaptive_observer', '/motor') as node,
+    ):
         answer = node.connect() and probe.call(
             Trigger, '/adaptive_observer/save', Trigger.Request()
         )
@@ -80,9 +85,9 @@ def test_learns_reports_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
         ] == expected
         assert [a.efforts for a in answers] == [node._decode(raw).efforts for raw in raws]
         assert abs(answers[-1].velocities[0] - true[-1]) < 0.05
-        probe.spin(0.5)
+        probe.until(lambda: reported and values_of(reported[-1].status[0])['state'] == 'ADAPTING')
         values = values_of(reported[-1].status[0])
-        assert values['state'] == 'ADAPTING' and values['trusted'] == 'True'
+        assert values['trusted'] == 'True'
         assert float(values['b/J']) == pytest.approx(2.0, rel=0.02)
         assert float(values['J']) == pytest.approx(0.02, rel=0.02)
         assert values['b2.unit'] == 'rad/s^2 per V'
@@ -94,53 +99,52 @@ def test_learns_reports_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
     saved = load(str(path))['joint']
     assert -saved['a'][0] == pytest.approx(2.0, rel=0.02) and saved['order'] == 2
     later, true = messages(2.0, seed=7)
-    with (
-        node_with('adapt:=false', 'bandwidth_hz:=8.0'),
-        dds.Observer(probe, '/adaptive_observer', '/motor') as node,
-    ):
-        reported.clear()
-        answers = node.connect().feed(later)
-        errors = [a.velocities[0] - t for a, t in zip(answers, true) if estimated(a)]
-        assert len(errors) > 300 and np.abs(errors).max() < 0.2
-        probe.until(lambda: reported)
-        values = values_of(reported[-1].status[0])
-        assert values['state'] == 'FROZEN'
-        assert float(values['b/J']) == pytest.approx(-saved['a'][0], rel=1e-5)
-    probe.node.destroy_subscription(subscription)
+    stream = own('angle_and_input', parameters_file=str(path), adapt=False, bandwidth_hz=8.0)
+    stream, decode = stream.node.stream, Decoder().decode
+    answers = [decode(made[0]) for raw in later for made in stream.feed(0, raw, 0) if 0 in made]
+    errors = [a.velocities[0] - t for a, t in zip(answers, true) if estimated(a)]
+    assert len(errors) > 300 and np.abs(errors).max() < 0.2
+    report = stream.bank.reports()['joint']
+    assert report.phase == 'FROZEN'
 
 
-def test_efforts_as_an_array_of_numbers(probe):
+def test_efforts_as_an_array_of_numbers(own):
     """effort_command as Float64MultiArray: in the order of the joints, when it was sent."""
-    from std_msgs.msg import Float64MultiArray
+    node = own(
+        'angle_and_input',
+        **{
+            'joints': ('left', 'right'),
+            'input': 'effort_command',
+            'effort_command_type': 'Float64MultiArray',
+            'stamp_source': 'publisher',
+            'input_unit': 'N m',
+            'per_joint.right.input_scale': [-1.0],
+        },
+    )
+    stream, raw = node.node.stream, node.encode(0, '', ('right', 'left'), (0.1, 0.2))
 
-    with dds.commanded(
-        probe,
-        'adaptive_observer',
-        'arrays',
-        Float64MultiArray,
-        'joints:=[left, right]',
-        'input_unit:=N m',
-        'effort_command_type:=Float64MultiArray',
-        'stamp_source:=publisher',
-        'per_joint.right.input_scale:=[-1.0]',
-    ) as (node, efforts):
-        raw = node.encode(0, ('right', 'left'), (0.1, 0.2))
-        assert node.feed([raw] * 3, unanswered=range(3)) == []
-        probe.until(lambda: node.status('left') == 'lost')
-        assert 'no effort_command is valid for it' in dds.value(node.statuses['left'], 'why')
-        efforts.publish(Float64MultiArray(data=[1.0, 2.0, 3.0]))
-        efforts.publish(Float64MultiArray(data=[1.0, 2.0]))
-        probe.spin(0.2)
-        node.feed([raw] * 20)
-        report = node.next_report()
-        assert report['/adaptive_observer']['messages_dropped.malformed'] == '1'
-        node.process.prints('malformed and dropped, the last one on /arrays_command: 3 numbers')
-        left = report['/adaptive_observer: left']
-        assert (left['dropped.non_finite'], left['used']) == ('3', '20')
-        assert dds.value(node.statuses['left'], 'input_unit') == 'N m'
-        refused = node.set(per_joint__right__input_scale=[1.0, 2.0])
-        assert not refused.successful and "'right': 'input_scale' has 2 numbers" in refused.reason
-        assert node.set(per_joint__right__input_scale=[2.0]).successful
+    sent = itertools.count(BEGIN, 10**6)
+
+    def feed(port, raw):
+        return [answer for answer in stream.feed(port, raw, next(sent)) if 0 in answer]
+
+    assert [feed(0, raw) for _ in range(3)] == [[]] * 3
+    node.pass_time(1.0)
+    status, why = node.status_of('left')
+    assert status == LOST and 'no effort_command is valid for it' in why
+    for numbers in ([1.0, 2.0, 3.0], [1.0, 2.0]):
+        feed(1, serialize_message(Float64MultiArray(data=numbers)))
+    assert stream.malformed == [0, 1]
+    assert stream.complaint == ('/effort_command', '3 numbers, but there are 2 joints')
+    for _ in range(20):
+        feed(0, raw)
+    left = stream.bank.joints['left']
+    assert left.dropped() == {'non_finite': 3} and left.used == 20
+    assert stream.about('left')['input_unit'] == 'N m'
+    assert "'right': 'input_scale' has 2 numbers" in node.set(
+        per_joint__right__input_scale=[1.0, 2.0]
+    )
+    assert not node.set(per_joint__right__input_scale=[2.0])
 
 
 def test_a_joint_that_cannot_be_saved_does_not_expire(motor, tmp_path):

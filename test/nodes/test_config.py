@@ -12,7 +12,6 @@ import yaml
 
 from estimator_pkg import observers, params_file, streams
 from estimator_pkg.driver.configuration import Configuration, JointSettings
-from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.shared import AngleGains
 from estimator_pkg.parameters import build, declared
 from estimator_pkg.streams.angle import AngleSettings
@@ -109,18 +108,6 @@ def test_motor_data_suit_node_and_simulator(file):
         observers.find('pmsm'), {name: node[name] for name in MOTOR}
     ).for_joint('')
     assert all(getattr(gains, name) == node[name] == simulator[name] for name in MOTOR)
-
-
-@pytest.mark.parametrize(
-    ('values', 'reported'),
-    [
-        ({'input': 'angle', 'angle_joint': ''}, "'angle_joint' must not be empty"),
-        ({'input': 'angle', 'joints': ['other']}, "'joint' is not in 'joints'"),
-    ],
-)
-def test_settings_that_cannot_work(values, reported):
-    with pytest.raises(UsageError, match=reported):
-        build(AngleSettings, values).find_observer()
 
 
 def test_counts_imply_the_quantum_unless_it_is_set():

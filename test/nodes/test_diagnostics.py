@@ -14,52 +14,62 @@ from pathlib import Path
 
 import dds
 import pytest
+import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from estimator_pkg import streams
+from estimator_pkg.ros.observers import why_nothing
 
 ROOT = Path(__file__).resolve().parents[2]
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+OBSERVER = 'estimator_pkg.nodes.executables joint_observer'
 
 
 @pytest.fixture(scope='module')
-def entries(probe):
-    """The entries of a simulator and an observer, by topic."""
-    found = {'/diagnostics': [], '/left/joint_observer/status': []}
-    subscriptions = [
+def found(probe):
+    """The entries of a simulator, the observer that it feeds and another one, by topic; and what
+    the check of `ros2 doctor` finds.
+    """
+    heard = {'/diagnostics': [], '/left/joint_observer/status': []}
+    for topic, qos in (('/diagnostics', 10), ('/left/joint_observer/status', dds.latched())):
+        extend = heard[topic].extend
         probe.node.create_subscription(
-            DiagnosticArray,
-            topic,
-            lambda message, topic=topic: found[topic].extend(message.status),
-            qos,
+            DiagnosticArray, topic, lambda message, extend=extend: extend(message.status), qos
         )
-        for topic, qos in (('/diagnostics', 10), ('/left/joint_observer/status', LATCHED))
-    ]
     inside = dds.ros_args(remap=['__ns:=/left'])
+    asking = rclpy.create_node('asking')
+    assert why_nothing(asking) == {}
     with (
         dds.NodeProcess('sim_pkg.nodes.executables encoder_sim', *inside),
-        dds.NodeProcess('estimator_pkg.nodes.executables joint_observer', *inside),
+        dds.NodeProcess(OBSERVER, *inside),
+        dds.NodeProcess(OBSERVER, *dds.ros_args(remap=['__node:=hungry'])),
     ):
-        probe.until(lambda: len({each.name for each in found['/diagnostics']}) == 3)
-        probe.until(lambda: found['/left/joint_observer/status'])
-    for subscription in subscriptions:
-        probe.node.destroy_subscription(subscription)
-    return found
+        probe.until(lambda: len({each.name for each in heard['/diagnostics']}) == 4)
+        statuses = heard['/left/joint_observer/status']
+        probe.until(lambda: any(each.message == 'tracking' for each in statuses))
+        heard['why nothing'] = why_nothing(asking)
+    asking.destroy_node()
+    return heard
 
 
-def test_every_entry_has_a_hardware_id(entries):
-    ids = {each.name: each.hardware_id for each in entries['/diagnostics']}
+def test_every_entry_has_a_hardware_id(found):
+    ids = {each.name: each.hardware_id for each in found['/diagnostics']}
     assert ids == {
+        '/hungry': '/hungry',
         '/left/joint_observer': '/left/joint_observer',
         '/left/joint_observer: wheel': 'wheel',
         '/left/encoder_sim: deadlines': '/left/encoder_sim',
     }
-    assert {(each.name, each.hardware_id) for each in entries['/left/joint_observer/status']} == {
+    assert {(each.name, each.hardware_id) for each in found['/left/joint_observer/status']} == {
         ('wheel', 'wheel'),
         ('/left/joint_observer', '/left/joint_observer'),
     }
+
+
+def test_nodes_that_estimate_nothing_are_reported(found):
+    why = found['why nothing']
+    assert list(why) == ['/hungry', '/left/joint_observer']
+    assert why['/left/joint_observer'] == '' and 'waits for a publisher of' in why['/hungry']
 
 
 def analyzers():
@@ -88,9 +98,8 @@ def group_of(name):
     ]
 
 
-def test_the_aggregator_groups_every_entry(entries):
-    for name in {each.name for each in entries['/diagnostics']}:
-        assert group_of(name) == (['Simulators'] if '_sim' in name else ['Observers']), name
+def test_the_aggregator_groups_every_entry():
+    assert group_of('/left/encoder_sim: deadlines') == ['Simulators']
     assert not group_of('/camera: frequency')
 
 
@@ -99,45 +108,10 @@ def test_the_aggregator_groups_every_observer(node):
     assert group_of(f'/{node}') == group_of(f'/left/{node}: elbow') == ['Observers']
 
 
-# ---- ros2 doctor
-
-REAL = importlib.util.find_spec('ros2doctor') is not None
-
-
-def observer(name):
-    return dds.NodeProcess(
-        'estimator_pkg.nodes.executables joint_observer',
-        *dds.ros_args(remap=[f'__node:={name}', f'joint_states:=/{name}_states']),
-    )
-
-
-def simulator(topic):
-    return dds.NodeProcess(
-        'sim_pkg.nodes.executables encoder_sim', *dds.ros_args(remap=[f'joint_states:=/{topic}'])
-    )
-
-
-def test_nodes_that_estimate_nothing_are_reported(probe):
-    import rclpy
-
-    from estimator_pkg.ros.observers import why_nothing
-
-    asking = rclpy.create_node('asking')
-    try:
-        assert why_nothing(asking) == {}
-        with observer('fed') as fed, observer('hungry') as hungry, simulator('fed_states'):
-            fed.prints(' estimates ')
-            hungry.prints(' estimates ')
-            with dds.Observer(probe, '/fed', '/unused') as watched:
-                probe.until(lambda: watched.status('wheel') == 'tracking')
-            found = why_nothing(asking)
-        assert list(found) == ['/fed', '/hungry'] and found['/fed'] == ''
-        assert '/hungry_states' in found['/hungry']
-    finally:
-        asking.destroy_node()
-
-
-@pytest.mark.skipif(not REAL, reason='ros2doctor is part of ROS 2, PyPI does not have it')
+@pytest.mark.skipif(
+    importlib.util.find_spec('ros2doctor') is None,
+    reason='ros2doctor is part of ROS 2, PyPI does not have it',
+)
 def test_the_real_doctor_runs_it():
     code = (
         'from ros2doctor.api import generate_reports, run_checks\n'
@@ -145,7 +119,8 @@ def test_the_real_doctor_runs_it():
         "(report,) = generate_reports(categories=['velocity_estimator'])\n"
         'print(report.name, report.items)'
     )
-    with observer('hungry') as hungry:
+    hungry = dds.NodeProcess(OBSERVER, *dds.ros_args(remap=['__node:=hungry']))
+    with hungry:
         hungry.prints(' estimates ')
         done = subprocess.run(
             [sys.executable, '-c', code], capture_output=True, text=True, timeout=120

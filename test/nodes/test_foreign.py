@@ -84,21 +84,13 @@ FILES = {'alpha_beta.py': OBSERVER, 'twin.py': TWIN, 'twin_stream.py': FAMILY, '
 ENTRY_POINTS = """
     [velocity_estimator.observers]
     twin = twin:Twin
-    alpha_beta = alpha_beta:AlphaBeta
     [velocity_estimator.streams]
     two_encoders = twin_stream:TwinStream
 """
 
 
-@pytest.fixture
-def foreign(tmp_path, monkeypatch):
-    """A package outside ours, installed for the processes that a test starts."""
-    folder = install(tmp_path / 'site', FILES, ENTRY_POINTS)
-    monkeypatch.setenv('PYTHONPATH', str(folder))
-    return folder
-
-
-def test_live_is_replay(foreign, probe, tmp_path):
+def test_live_is_replay(probe, tmp_path, monkeypatch):
+    monkeypatch.setenv('PYTHONPATH', str(install(tmp_path / 'site', FILES, ENTRY_POINTS)))
     encode = Encoder().encode
     angles = 3.0 * np.sin(0.004 * np.arange(500))
     raws = [
@@ -129,27 +121,3 @@ def test_live_is_replay(foreign, probe, tmp_path):
     speeds = [answer.velocities[0] for answer in live.answers[100:]]
     truth = 3.0 * 4.0 * np.cos(0.004 * np.arange(500))
     assert np.nanmax(np.abs(speeds - truth[100:500])) < 0.5
-
-
-def test_a_live_parameter_of_a_stream_acts(foreign, probe):
-    raws = [Encoder().encode(10**15 + k * 10**6, 'base', ('a', 'b'), (1.0, 1.0)) for k in range(20)]
-    with (
-        dds.NodeProcess('twin_node', *dds.ros_args(remap=['joint_states:=/twin_live'])),
-        dds.Observer(probe, '/twin_observer', '/twin_live') as live,
-    ):
-        live.connect().feed(raws[:10])
-        assert live.set(factor=-2.0).successful
-        live.feed(raws[10:])
-        assert live.answers[9].positions[0] == pytest.approx(1.0)
-        assert live.answers[19].positions[0] < 0.5  # -2 after a jump
-
-
-def test_an_observer_of_another_package_runs_in_our_node(foreign, probe):
-    raws = [Encoder().encode(10**15 + k * 10**6, '', ('a',), (0.003 * k,)) for k in range(300)]
-    words = dds.ros_args('observer:=alpha_beta', 'alpha:=0.2', remap=['joint_states:=/own'])
-    with (
-        dds.NodeProcess('estimator_pkg.nodes.executables joint_observer', *words),
-        dds.Observer(probe, '/joint_observer', '/own') as live,
-    ):
-        live.connect().feed(raws)
-        assert live.answers[-1].velocities[0] == pytest.approx(3.0, rel=1e-6)

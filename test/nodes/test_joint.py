@@ -8,24 +8,22 @@ import math
 import signal
 import subprocess
 import sys
-import threading
 import time
-from pathlib import Path
 
 import dds
 import numpy as np
 import pytest
 from answers import estimated
 from answers import valid as valid_of
-from own_node import OwnNode
+from sensor_msgs.msg import JointState
+from stream_roles import best_effort
 
 from estimator_pkg import observers
 from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.estimate import MISCONFIGURED, TRACKING
-from estimator_pkg.nodes.observer import ObserverNode
-from estimator_pkg.nodes.ros_parameters import ros_values
+from estimator_pkg.messages.joint_state import Encoder
 
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
 BEGIN = 1_700_000_000_000_000_000  # [ns]
@@ -84,6 +82,35 @@ def test_reset_starts_every_joint_again(live):
     assert live.next_report()[f'/joint_observer: {again}']['resets'] == '1'
 
 
+def test_every_message_has_the_shape_of_the_drivers_from_the_first_on(live):
+    """So ~/estimate remapped to /joint_states replaces the topic of a driver."""
+    names, encode = [fresh(name) for name in ('slide', 'hinge', 'tool')], Encoder().encode
+    sent = [
+        (
+            [0.1 + 1e-3 * k, math.nan if 200 <= k < 210 else 0.2 - 2e-3 * k, -0.3],
+            [1.0 + k, -2.0, 0.5],
+        )
+        for k in range(300)
+    ]
+    raws = [encode(BEGIN + k * MS, 'base', names, at, (), by) for k, (at, by) in enumerate(sent)]
+    found = live.feed([*raws, raws[-1]], unanswered={300})  # a duplicate is not answered
+    assert [each.stamp_ns for each in found] == [BEGIN + k * MS for k in range(300)]
+    for k, (each, (positions, efforts)) in enumerate(zip(found, sent)):
+        assert list(each.names) == names and each.frame_id == 'base'
+        assert len(each.positions) == len(each.velocities) == 3
+        assert list(each.efforts) == efforts
+        for place in range(3):
+            if math.isnan(each.velocities[place]):
+                assert each.positions[place] == pytest.approx(positions[place], nan_ok=True)
+        if k == 0:
+            assert all(map(math.isnan, each.velocities))
+        elif 200 <= k < 210:  # the others go on where one drops out
+            assert math.isnan(each.velocities[1]) and math.isnan(each.positions[1])
+            assert each.velocities[0] == pytest.approx(1.0, rel=1e-3)
+        elif k > 220:
+            assert list(each.velocities) == pytest.approx([1.0, -2.0, 0.0], abs=1e-2)
+
+
 # Parameters
 
 
@@ -139,6 +166,9 @@ def test_an_override_of_one_joint_before_it_appears_and_back(live):
     assert live.get('per_joint.eager.bandwidth_hz') == 200.0
     assert live.set(per_joint__eager__bandwidth_hz=None).successful  # follows the common value
     assert live.get('per_joint.eager.bandwidth_hz') is None
+    for name, usual in (('noise', 0.0), ('gap_max', 0.2)):  # deleted: back to the default
+        assert live.set(**{name: 0.4}).successful and live.get(name) == 0.4
+        assert live.set(**{name: None}).successful and live.get(name) == usual
 
 
 @pytest.mark.parametrize(
@@ -171,212 +201,106 @@ def test_a_wrong_value_is_refused_with_the_reason_and_nothing_changes(live, give
     live.process.prints('parameters are not changed: ', logged + 1)
 
 
-def test_automatic_parameters_can_be_set_and_left_to_the_node_again(live):
-    assert live.get('noise') == 0.0
-    assert live.set(noise=0.001).successful
-    assert live.get('noise') == 0.001
-    assert live.set(noise=None).successful  # deleted: back to the default
-    assert live.get('noise') == 0.0
-    assert live.set(gap_max=0.4).successful and live.set(gap_max=None).successful
-    assert live.get('gap_max') == 0.2  # the default, not gone
-
-
-def test_misspelt_names_and_gains_of_another_observer_are_reported_at_the_start(probe):
+def test_misspelt_names_and_gains_of_another_observer_are_reported_at_the_start(own, capfd):
     """One line each, with the right name; a live change is refused in the same words."""
-    starts = {
-        'misspelt': [
-            'qos_overrides./mispelt/joint_states.subscription.depth:=9',
-            'observer:=hybrid_angle',
-            'bandwith_hz:=20.0',
-            'per_joint.arm.nose:=1.0',
-        ],
-        'others': ['bandwidth_hz:=20.0', 'per_joint.arm.noise:=0.1'],
-    }
-    config = Path(__file__).parents[2] / 'config/joint_observer.yaml'  # what it sets is known
-    misspelt, others = (
-        dds.NodeProcess(
-            MODULE, *dds.ros_args(*words, remap=(f'__node:={name}', f'__ns:=/{name}'), file=config)
+    depth = 'qos_overrides./{}joint_states.subscription.depth'
+    misspelt = {depth.format('x'): 9, 'bandwith_hz': 20.0, 'per_joint.arm.nose': 1.0}
+    own('angle', observer='hybrid_angle', **misspelt).pass_time(4.0)
+    said = capfd.readouterr().err
+    assert said.count('unknown parameter') == 3
+    for name, right in zip(misspelt, (depth.format(''), 'bandwidth_hz', 'noise')):
+        assert f"unknown parameter '{name}': did you mean '{right}'?" in said
+    node = own('angle', **{'bandwidth_hz': 20.0, 'per_joint.arm.noise': 0.1})
+    node.pass_time(4.0)
+    said = capfd.readouterr().err
+    for name, there in (
+        ('bandwidth_hz', 'hybrid_angle, finite_difference, kalman, pll'),
+        ('per_joint.arm.noise', 'hybrid_angle, finite_difference, kalman, pll, super_twisting'),
+    ):
+        assert (
+            f"unknown parameter '{name}': {there} have it, edge_adaptive (the default) does "
+            "not: start the node with 'observer: hybrid_angle'" in said
         )
-        for name, words in starts.items()
-    )
-    with misspelt, others, dds.Observer(probe, '/others/others', '/others/joint_states') as live:
-        for line in (
-            "'qos_overrides./mispelt/joint_states.subscription.depth': did you mean "
-            "'qos_overrides./misspelt/joint_states.subscription.depth'?",
-            "'bandwith_hz': did you mean 'bandwidth_hz'?",
-            "'per_joint.arm.nose': did you mean 'noise'?",
-        ):
-            misspelt.prints(f'unknown parameter {line}')
-        assert misspelt.output.count('unknown parameter') == 3
-        for name, there in (
-            ('bandwidth_hz', 'hybrid_angle, finite_difference, kalman, pll'),
-            ('per_joint.arm.noise', 'hybrid_angle, finite_difference, kalman, pll, super_twisting'),
-        ):
-            others.prints(
-                f"unknown parameter '{name}': {there} have it, edge_adaptive (the default) does "
-                "not: start the node with 'observer: hybrid_angle'"
-            )
-        refused = live.connect().set(bandwidth_hz=30.0)
-        assert not refused.successful
-        assert "start the node with 'observer: hybrid_angle'" in refused.reason
+    assert "start the node with 'observer: hybrid_angle'" in node.set(bandwidth_hz=30.0)
 
 
-def test_gains_unstable_at_the_measured_rate(probe, monkeypatch, capfd):
+def test_gains_unstable_at_the_measured_rate(own, capfd):
     """A live change is refused; where the rate falls the joint is misconfigured until they fit."""
-    own = OwnNode(monkeypatch, 'angle', observer='hybrid_angle', form='paper', bandwidth_hz=5.0)
-    hybrid, statuses = observers.find('hybrid_angle'), own.node.health.watch.statuses
+    node = own('angle', observer='hybrid_angle', form='paper', bandwidth_hz=5.0)
+    hybrid = observers.find('hybrid_angle')
 
     def limits(bandwidth_hz, dt):
         gains = hybrid.gains(form='paper', bandwidth_hz=bandwidth_hz)
         return hybrid.limits(hybrid.design(gains, Circle()), dt)
 
-    def turning(count, dt, begin):
+    def status_after(count, dt, begin):
         for k in range(count):
-            raw = own.encode(begin + k * dt, '', ('p',), (0.1 * k * dt * 1e-9,))
-            own.node.stream.feed(0, raw, 0)
-        own.pass_time(0.1)
+            raw = node.encode(begin + k * dt, '', ('p',), (0.1 * k * dt * 1e-9,))
+            node.node.stream.feed(0, raw, 0)
+        node.pass_time(0.1)
+        return node.status_of('p')
 
-    try:
-        turning(400, MS, BEGIN)
-        assert statuses['p'][0] == TRACKING
-        (refused,) = own.node.set_parameters(ros_values({'bandwidth_hz': 2000.0}))
-        assert not refused.successful and refused.reason == f"joint 'p': {limits(2000.0, 1e-3)}"
-        turning(200, 150 * MS, BEGIN + 10**12)
-        assert statuses['p'][0] == MISCONFIGURED and statuses['p'][1][:20] == limits(5.0, 0.15)[:20]
-        assert "joint 'p' is misconfigured" in capfd.readouterr().err
-        (result,) = own.node.set_parameters(ros_values({'bandwidth_hz': 0.2}))
-        assert result.successful
-        turning(60, 150 * MS, BEGIN + 2 * 10**12)
-        assert statuses['p'][0] == TRACKING
-    finally:
-        own.close()
+    assert status_after(400, MS, BEGIN)[0] == TRACKING
+    assert node.set(bandwidth_hz=2000.0) == f"joint 'p': {limits(2000.0, 1e-3)}"
+    status, why = status_after(200, 150 * MS, BEGIN + 10**12)
+    assert status == MISCONFIGURED and why[:20] == limits(5.0, 0.15)[:20]
+    assert "joint 'p' is misconfigured" in capfd.readouterr().err
+    assert not node.set(bandwidth_hz=0.2)
+    assert status_after(60, 150 * MS, BEGIN + 2 * 10**12)[0] == TRACKING
 
 
-def test_the_class_in_an_executor_of_ones_own(probe):
-    from rclpy.executors import SingleThreadedExecutor
-    from sensor_msgs.msg import JointState
+# Processes
 
-    node = ObserverNode(
-        'angle',
-        'mine',
-        namespace='/own',
-        parameter_overrides=ros_values(
-            {'observer': 'finite_difference', 'joints': ('a',), 'bandwidth_hz': 100}
-        ),
-    )
-    made = []
-    answering = node.stream._answering
-    encode = answering._stddev.encode
-    answering._stddev.encode = lambda *given: made.append(given) or encode(*given)
-    executor = SingleThreadedExecutor()  # hands callbacks other arguments than EventsExecutor
-    executor.add_node(node)
-    thread = threading.Thread(target=executor.spin)
-    thread.start()
-    try:
-        with dds.Observer(probe, '/own/mine', '/own/joint_states') as live:
-            live.connect()
-            answer = live.feed(turning(live, ['a', 'b'], [1.0, 1.0], 200))[-1]
-            assert answer.names == ('a',)
-            assert answer.velocities == pytest.approx((1.0,), rel=1e-6)
-            assert not made  # nobody listens, so no standard deviation is made
-            listener = probe.node.create_subscription(
-                JointState, '/own/mine/estimate_stddev', lambda message: None, 10
+
+def test_interrupts_end_the_node_quietly():
+    with dds.NodeProcess(MODULE) as one, dds.NodeProcess(MODULE) as other:
+        for process, number in ((one, signal.SIGINT), (other, signal.SIGTERM)):
+            process.prints(f'{observers.DEFAULT} estimates every joint from /joint_states')
+            process.signal(number)
+            assert process.ends() == 0
+            assert 'Traceback' not in process.output and 'rror' not in process.output
+
+
+def test_a_publisher_that_waits_for_its_subscription_loses_nothing(probe):
+    """Also where it comes back: the subscription ends with the last publisher, and its count of
+    losses does not.
+    """
+    topic = '/waiting'
+
+    def publisher():
+        return probe.node.create_publisher(JointState, topic, best_effort(50))
+
+    waiting = publisher()
+    with (
+        dds.NodeProcess(MODULE, *dds.ros_args(remap=(f'joint_states:={topic}', '__node:=starts'))),
+        dds.Observer(probe, '/starts', '/unused') as listener,
+    ):
+        for done in range(2):  # before the node is there, and after
+            source, waiting = waiting or publisher(), None
+            probe.until(source.get_subscription_count)
+            for raw in turning(listener, ['a'], [1.0], 100, begin=time.time_ns()):
+                source.publish(raw)
+                probe.spin(1e-3)
+            due = 100 * (done + 1)
+            probe.until(
+                lambda due=due: len(listener.answers) == due,
+                lambda: f'{len(listener.answers)}: {listener.next_report()["/starts"]}',
             )
-            probe.until(listener.get_publisher_count)
-            probe.spin(0.5)
-            live.feed(turning(live, ['a'], [1.0], 5, first=200))
-            assert len(made) == 5
-            probe.node.destroy_subscription(listener)
-            assert '/own/mine/acceleration' not in dict(node.get_topic_names_and_types())
-    finally:
-        executor.shutdown()
-        thread.join()
-        node.destroy_node()
-
-
-def test_publishers_come_and_go_while_several_threads_spin(probe):
-    """What a callback destroys another thread may have taken, which ends its spin."""
-    from rclpy.executors import MultiThreadedExecutor
-    from sensor_msgs.msg import JointState
-
-    nodes = [ObserverNode('angle', name, namespace='/threads') for name in ('one', 'two')]
-    executor = MultiThreadedExecutor(2)
-    for node in nodes:
-        executor.add_node(node)
-    thread = threading.Thread(target=executor.spin)
-    thread.start()
-    listeners = [
-        probe.node.create_subscription(JointState, f'/threads/{name}/estimate', repr, 10)
-        for name in ('one', 'two')
-    ]
-
-    def come_and_go():
-        """A publisher that both nodes hear; return their subscriptions meanwhile."""
-        publisher = probe.node.create_publisher(JointState, '/threads/joint_states', 10)
-        before = [node.stream.received[0] for node in nodes]
-
-        def heard():
-            seconds, nanosec = divmod(time.time_ns(), 10**9)
-            message = JointState(name=['a'], position=[0.1])
-            message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanosec
-            publisher.publish(message)
-            return all(node.stream.received[0] > old for node, old in zip(nodes, before))
-
-        probe.until(heard)
-        probe.spin(0.3)
-        subscriptions = [list(node.subscriptions) for node in nodes]
-        probe.node.destroy_publisher(publisher)
-        probe.spin(0.15)
-        return subscriptions
-
-    try:
-        subscriptions = [come_and_go() for _ in range(2)]
-        assert thread.is_alive()
-        assert all(each == subscriptions[0] for each in subscriptions)
-    finally:
-        for listener in listeners:
-            probe.node.destroy_subscription(listener)
-        executor.shutdown()
-        thread.join()
-        for node in nodes:
-            node.destroy_node()
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_interrupts_end_the_node_quietly(number):
-    with dds.NodeProcess(MODULE) as process:
-        process.prints(f'{observers.DEFAULT} estimates every joint from /joint_states')
-        process.signal(number)
-        assert process.ends() == 0
-    assert 'Traceback' not in process.output and 'rror' not in process.output
+            probe.node.destroy_publisher(source)
+            probe.until(lambda: not probe.node.count_subscribers(topic))
+        values = listener.next_report()['/starts']
+        assert (values['lost_by_dds'], values['messages_received']) == ('0', '200')
 
 
 def test_a_process_whose_output_nobody_reads_ends_by_itself(probe):
     """The node is destroyed all the same: else DDS waits for one of its threads for ever."""
-    process = subprocess.Popen(
-        [
-            *(sys.executable, '-m', 'sim_pkg.nodes.executables', 'encoder_sim'),
-            *dds.ros_args(remap=['__node:=unread']),
-        ],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-    )
+    words = [sys.executable, '-m', *MODULE.split(), *dds.ros_args(remap=['__node:=unread'])]
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     try:
         probe.until(lambda: 'unread' in probe.node.get_node_names())
-        assert process.stderr is not None
         process.stderr.close()
         process.send_signal(signal.SIGINT)
         assert process.wait(dds.PATIENCE) == 0
     finally:
         process.kill()
         process.wait()
-
-
-def test_an_end_that_hangs_is_ended_by_an_alarm():
-    script = (
-        'import signal, time\nfrom estimator_pkg import interrupts\n'
-        'interrupts.LONGEST_END = 0.2\nsignal.signal(signal.SIGALRM, signal.SIG_IGN)\n'
-        'interrupts.limit_end()\ntime.sleep(60.0)'
-    )
-    done = subprocess.run([sys.executable, '-c', script], timeout=dds.PATIENCE, check=False)
-    assert done.returncode == -signal.SIGALRM

@@ -22,7 +22,6 @@ from estimator_pkg.parameters import declared
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / 'launch'
-ARGUMENTS = {'params_file', 'namespace', 'use_sim_time', 'name', 'respawn', 'log_level'}
 COMBINED = {'simulator_and_observer.launch.py', 'two_arms.launch.py', 'joint_observer.launch.xml'}
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 BASE = {'radius': [0.1], 'track': 0.5}
@@ -120,26 +119,6 @@ def prefix(tmp_path, monkeypatch):
             )
         monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path}:{os.environ["AMENT_PREFIX_PATH"]}')
     return monkeypatch
-
-
-def declared_arguments(file):
-    from launch.launch_description_sources import get_launch_description_from_any_launch_file
-
-    description = get_launch_description_from_any_launch_file(str(FOLDER / file))
-    return {argument.name for argument in description.get_launch_arguments()}
-
-
-def test_arguments_as_launch_lists_them(prefix):
-    for name in nodes():
-        keywords = call_in(name)[1]
-        own = {*keywords.get('inputs', ()), *keywords.get('parameters', ())}
-        own |= {*keywords.get('outputs', ['estimate'])} if own else set()
-        assert declared_arguments(f'{name}.launch.py') == ARGUMENTS | own
-    shared = {'params_file', 'joint_states', 'estimate', 'respawn', 'log_level'}
-    assert declared_arguments('joint_observer.launch.xml') == shared
-    assert {'left_joint_states', 'right_joint_states', 'respawn', 'log_level'} <= (
-        declared_arguments('two_arms.launch.py')
-    )
 
 
 def observed_by():

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The node mechanical_observer over real DDS: several mechanisms, the loop closed with it."""
+"""The node mechanical_observer: several mechanisms, and the loop closed with it over real DDS."""
 
 import math
 
@@ -9,63 +9,59 @@ import dds
 import numpy as np
 import pytest
 from answers import estimated
+from own_node import BEGIN
 
-from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.estimate import TRACKING
+from estimator_pkg.messages.joint_state import Decoder
 
 MODULE = 'estimator_pkg.nodes.executables mechanical_observer'
 MS = 1_000_000
 
 
-def test_several_mechanisms_separate_messages_and_commands(probe):
+def test_several_mechanisms_separate_messages_and_commands(own):
     """Two mechanisms; one's joints come in separate messages; the input is a topic of its own."""
-    from sensor_msgs.msg import JointState
+    values = {
+        'mechanisms': ('arm', 'lab'),
+        'bandwidth_hz': 20.0,
+        'per_joint.arm.joints': ('elbow',),
+        'per_joint.lab.model': 'cart_pendulum',
+        'per_joint.lab.joints': ('p', 'c'),
+    }
+    node = own('mechanical', input='effort_command', **values)
+    encode, decode, stream, answers = node.encode, Decoder().decode, node.node.stream, []
 
-    with dds.commanded(
-        probe,
-        'mechanical_observer',
-        'several',
-        JointState,
-        'mechanisms:=[arm, lab]',
-        'bandwidth_hz:=20.0',
-        'per_joint.arm.joints:=[elbow]',
-        'per_joint.lab.model:=cart_pendulum',
-        'per_joint.lab.joints:=[p, c]',
-    ) as (node, command):
-        encode, start = Encoder().encode, 10**15
-        for k in range(300):
-            stamp = start + k * 2 * MS
-            command.publish(encode(stamp, '', ('elbow', 'c'), (), (), (0.0, 0.0)))
-            node.feed(
-                [
-                    encode(stamp + MS, '', ('p', 'elbow'), (0.1, 2e-3 * k)),
-                    encode(stamp + MS, '', ('c',), (0.0,)),
-                ]
-            )
-        last = node.answers[-2:]
-        assert [answer.names for answer in last] == [('elbow',), ('c', 'p')]  # as it came
-        assert [estimated(answer) for answer in last] == [('elbow',), ('c', 'p')]
-        assert last[0].velocities[0] == pytest.approx(1.0, abs=0.01)
-        assert node.status('lab') in ('tracking', '')
-        probe.until(lambda: node.status('lab') == 'tracking')
-        entry = node.statuses['lab']
-        assert dds.value(entry, 'input') == 'effort_command'
-        assert dds.value(entry, 'incomplete') == '0'
-        K, L = (float(dds.value(entry, key).split(', ')[0]) for key in ('K', 'L'))
-        assert float(dds.value(entry, 'noise_figure').split(', ')[0]) == pytest.approx(
-            K * K / (2.0 * L), rel=1e-3
-        )
-        assert float(dds.value(entry, 'dt_K').split(', ')[0]) == pytest.approx(2e-3 * K, rel=1e-3)
-        for key in ('poles', 'slowest_pole_over_range', 'guaranteed_rate', 'dt_K_below_L'):
-            assert dds.value(entry, key)
-        assert not node.set(bandwidth_hz=-3.0).successful
-        assert "mechanism 'leg'" in node.set(per_joint__leg__bandwidth_hz=3.0).reason
-        assert (
-            "'arm': 'input_scale' has 2 numbers"
-            in node.set(per_joint__arm__input_scale=[1.0, 2.0]).reason
-        )
-        assert node.set(disturbance_hz=3.0).successful and node.set(disturbance_hz=0.0).successful
-        assert node.set(bandwidth_hz=25.0).successful
-        probe.until(lambda: float(dds.value(node.statuses['lab'], 'K').split(', ')[0]) > 1.5 * K)
+    def about(key):
+        return str(stream.about('lab')[key])
+
+    def first(key):
+        return float(about(key).split(', ')[0])
+
+    for k in range(300):
+        stamp = BEGIN + k * 2 * MS
+        stream.feed(1, encode(stamp, '', ('elbow', 'c'), (), (), (0.0, 0.0)), 0)
+        for names, positions in ((('p', 'elbow'), (0.1, 2e-3 * k)), (('c',), (0.0,))):
+            raw = encode(stamp + MS, '', names, positions)
+            answers += [decode(answer[0]) for answer in stream.feed(0, raw, 0) if answer]
+    last = answers[-2:]
+    assert [answer.names for answer in last] == [('elbow',), ('c', 'p')]  # as it came
+    assert [estimated(answer) for answer in last] == [('elbow',), ('c', 'p')]
+    assert last[0].velocities[0] == pytest.approx(1.0, abs=0.01)
+    node.pass_time(0.1)
+    assert node.status_of('lab')[0] == TRACKING
+    assert about('input') == 'effort_command' and about('incomplete') == '0'
+    K, L = first('K'), first('L')
+    assert first('noise_figure') == pytest.approx(K * K / (2.0 * L), rel=1e-3)
+    assert first('dt_K') == pytest.approx(2e-3 * K, rel=1e-3)
+    for key in ('poles', 'slowest_pole_over_range', 'guaranteed_rate', 'dt_K_below_L'):
+        assert about(key)
+    assert node.set(bandwidth_hz=-3.0)
+    assert "mechanism 'leg'" in node.set(per_joint__leg__bandwidth_hz=3.0)
+    scales = node.set(per_joint__arm__input_scale=[1.0, 2.0])
+    assert "'arm': 'input_scale' has 2 numbers" in scales
+    assert not node.set(disturbance_hz=3.0) and not node.set(disturbance_hz=0.0)
+    assert not node.set(bandwidth_hz=25.0)
+    stream.feed(0, encode(stamp + 3 * MS, '', ('p', 'c'), (0.1, 0.0)), 0)
+    assert first('K') > 1.5 * K
 
 
 @pytest.mark.slow

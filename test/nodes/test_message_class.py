@@ -9,11 +9,16 @@ import sys
 
 import dds
 import pytest
+from bag_making import STORE
+from std_msgs.msg import Float64
 
 from estimator_pkg.bags.definitions import define
+from estimator_pkg.bags.definitions import fields_of as fields_of_definition
 from estimator_pkg.bags.writer import BagWriter
-from estimator_pkg.ros.message_class import message_class
+from estimator_pkg.nodes.message_types import fields_of
+from estimator_pkg.ros.message_class import message_class, message_types, packages_with_messages
 
+FLOAT = 'std_msgs/msg/Float64'
 HOSTILE = 'from pathlib import Path\nPath(__file__).with_name("imported").touch()\n'
 NAMES = [
     'mine/msg/Foo',
@@ -85,18 +90,51 @@ def test_play_imports_nothing_that_a_bag_names(hostile):
     assert imported(hostile) == []
 
 
-def test_every_installed_message_is_found():
-    from ament_index_python.packages import get_packages_with_prefixes
-
+def test_every_installed_message_is_found_with_the_fields_of_its_definition():
     count = 0
-    for package, prefix in get_packages_with_prefixes().items():
-        folder = os.path.join(prefix, 'share', package, 'msg')
-        for file in os.listdir(folder) if os.path.isdir(folder) else ():
-            if file.endswith('.msg'):
-                name = f'{package}/msg/{file[:-4]}'
-                assert message_class(name).__name__ == file[:-4]
+    for package in packages_with_messages():
+        for name in message_types(package):
+            assert message_class(name).__name__ == name.rpartition('/')[2]
+            if name in STORE.fielddefs:
+                bases = {'char': 'uint8'}
+                expected = {
+                    field: kind._replace(base=bases.get(kind.base, kind.base))
+                    for field, kind in fields_of_definition(name, '')(name).items()
+                }
+                assert fields_of(name) == expected, name
                 count += 1
     assert count > 100
+
+
+def test_a_number_of_a_package_of_the_machine(own, tmp_path, monkeypatch):
+    """From an overlay, as colcon installs it: found in the ament index and by its Python path.
+
+    Nothing here compiles messages, so the package borrows the type support of std_msgs/Float64.
+    """
+    package = tmp_path / 'machine_msgs'
+    (package / 'msg').mkdir(parents=True)
+    (package / '__init__.py').touch()
+    (package / 'msg' / '__init__.py').write_text(
+        'from std_msgs.msg import Float64\n'
+        'class Reading(metaclass=type(Float64)):\n'
+        "    __module__ = 'machine_msgs.msg._reading'\n"
+        '    @classmethod\n'
+        '    def get_fields_and_field_types(cls):\n'
+        "        return {'height': 'double'}\n"
+    )
+    index = tmp_path / 'share' / 'ament_index' / 'resource_index'
+    for resource, text in (('packages', ''), ('rosidl_interfaces', 'msg/Reading.msg\n')):
+        (index / resource).mkdir(parents=True)
+        (index / resource / 'machine_msgs').write_text(text)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path}:{os.environ["AMENT_PREFIX_PATH"]}')
+    monkeypatch.syspath_prepend(tmp_path)
+    named = {'field_type': 'machine_msgs/msg/Reading', 'field': 'height', 'angle_joint': 'lift'}
+    node = own('angle', input='field', wrap_period=0.0, **named)
+    node.publisher('driver', Float64, 'angle')
+    node.connect()
+    node.take(*(bytes(STORE.serialize_cdr(STORE.types[FLOAT](0.01 * k), FLOAT)) for k in range(60)))
+    lift = node.node.stream.bank.joints['lift']
+    assert lift.used > 0 and lift.estimate()[0] == pytest.approx(0.59, abs=0.02)
 
 
 def test_a_type_name_leads_to_no_file_outside_share(tmp_path, monkeypatch):

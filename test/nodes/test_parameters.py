@@ -7,19 +7,18 @@ import math
 import re
 from contextlib import contextmanager
 
-import dds
 import numpy as np
 import pytest
 import yaml
+from own_node import in_context
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from estimator_pkg import observers, registry, streams
-from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.nodes.observer import ObserverNode
-from estimator_pkg.nodes.ros_parameters import RosParameters, ros_values
+from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.parameters import declared
 from sim_pkg.contract import RunSettings
 
@@ -59,19 +58,6 @@ def must(known):
 
 
 @contextmanager
-def in_context(file=None):
-    """Arguments for a node on its own context, which reads a parameter file as ROS does."""
-    import rclpy
-
-    context = rclpy.Context()
-    rclpy.init(args=dds.ros_args(file=file), context=context, domain_id=dds.DOMAIN)
-    try:
-        yield {'context': context}
-    finally:
-        rclpy.try_shutdown(context=context)
-
-
-@contextmanager
 def declaring(classes, values, tmp_path, overridable=()):
     """A bare node with the parameters of a real one, read from a file: (node, RosParameters).
 
@@ -104,7 +90,7 @@ def parameters_of(classes):
 
 
 def extremes(parameter):
-    """What is set, by 'automatic', 'zero', 'minimum' and 'maximum', where it makes sense."""
+    """What is set, by 'automatic', 'minimum' and 'maximum', where it makes sense."""
     found = {}
     if parameter.automatic is not None:
         found['automatic'] = parameter.plain(None)
@@ -114,20 +100,12 @@ def extremes(parameter):
     elif parameter.kind is bool:
         found |= {'minimum': False, 'maximum': True}
     elif parameter.kind in (int, float):
-        found |= {'zero': parameter.kind(0), 'minimum': parameter.kind(parameter.minimum)}
+        found = found | {'minimum': parameter.kind(parameter.minimum)}
         found['maximum'] = parameter.kind(parameter.maximum)
     elif parameter.kind is list:
         low, high = parameter.minimum, parameter.maximum
-        found |= {'zero': [0.0], 'minimum': [float(low or 0.0)], 'maximum': [float(high or 1.0)]}
+        found |= {'minimum': [float(low or 0.0)], 'maximum': [float(high or 1.0)]}
     return found
-
-
-def is_admitted(parameter, value):
-    if parameter.kind not in (int, float, list) or parameter.is_automatic(value):
-        return True
-    low = -math.inf if parameter.minimum is None else parameter.minimum
-    high = math.inf if parameter.maximum is None else parameter.maximum
-    return all(low <= number <= high for number in (value if parameter.kind is list else [value]))
 
 
 def alike(one, other):
@@ -172,47 +150,23 @@ def read_again(values, tmp_path):
 
 
 @pytest.mark.parametrize('classes, per_joint', NODES.values(), ids=NODES)
-def test_each_value_is_set_and_reloaded(classes, per_joint, probe, tmp_path):
-    """At the automatic value, at zero and at both ends of the range, from a file and live."""
+@pytest.mark.parametrize('which', ['automatic', 'minimum', 'maximum'])
+def test_a_file_with_extreme_values_is_read_and_its_dump_again(
+    which, classes, per_joint, probe, tmp_path
+):
     known = parameters_of(classes)
-    motor = must(known)
     overridable = [name for cls in classes[len(classes) - per_joint :] for name in declared(cls)]
-    for which in ('automatic', 'zero', 'minimum', 'maximum'):
-        given = {name: extremes(one).get(which) for name, one in known.items()}
-        given = {name: value for name, value in given.items() if value is not None}
-        refused = {name for name in given if not is_admitted(known[name], given[name])}
-        assert which == 'zero' or not refused
-        wanted = {name: value for name, value in given.items() if name not in refused}
-        with declaring(classes, {**motor, **wanted}, tmp_path, overridable) as (node, _):
-            before = values_of(node)
-            for name, parameter in known.items():
-                found = node.get_parameter(name)
-                assert found.type_.name == TYPES[parameter.kind], name
-                assert name not in wanted or alike(plain(found.value), wanted[name]), name
-        read = read_again(before, tmp_path)
-        assert read.keys() == before.keys()
-        assert all(alike(read[name], before[name]) for name in read)
-        outside = {
-            name: f"'{name}' = 0 is outside {known[name].range_text().removeprefix('each ')}"
-            for name in refused
-        }
-        for name in sorted(refused)[:1]:  # from a file: one line with the name and the range
-            with (
-                pytest.raises(UsageError, match=re.escape(outside[name])),
-                declaring(classes, {**motor, name: given[name]}, tmp_path, overridable),
-            ):
-                pass
-        with declaring(classes, motor, tmp_path, overridable) as (node, ros):
-            for name, value in given.items():
-                (result,) = node.set_parameters([RosParameter(name, value=value)])
-                if known[name].structural:
-                    assert 'read-only' in result.reason
-                elif name in refused:
-                    assert outside[name] in result.reason
-                else:
-                    assert result.successful, result.reason
-                    assert alike(plain(node.get_parameter(name).value), value)
-                    assert ros.values[name] == known[name].check(value)
+    given = {name: extremes(one).get(which) for name, one in known.items()}
+    given = {name: value for name, value in given.items() if value is not None}
+    with declaring(classes, {**must(known), **given}, tmp_path, overridable) as (node, _):
+        before = values_of(node)
+        for name, parameter in known.items():
+            found = node.get_parameter(name)
+            assert found.type_.name == TYPES[parameter.kind], name
+            assert name not in given or alike(plain(found.value), given[name]), name
+    read = read_again(before, tmp_path)
+    assert read.keys() == before.keys()
+    assert all(alike(read[name], before[name]) for name in read)
 
 
 def forms(parameter):
@@ -241,41 +195,33 @@ def samples(node):
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_each_live_parameter_is_set_in_each_form_while_joints_run(name, probe):
-    stream, known = STREAMS[name], parameters_of(NODES[name][0])
-    observer = OBSERVERS[stream.KIND]
-    overrides = {
+def test_each_live_parameter_is_set_in_each_form_while_joints_run(name, own):
+    family, known = STREAMS[name], parameters_of(NODES[name][0])
+    observer = OBSERVERS[family.KIND]
+    given = {
         'observer': observer,
-        **({'model': 'gripper'} if observer == 'switched' else {}),
+        'model': 'gripper' if observer == 'switched' else '',
         **must(known),
     }
-    live = {name: parameter for name, parameter in known.items() if not parameter.structural}
-    of_joints = declared(stream.PER_JOINT) | declared(observers.find(observer).gains)
-    with in_context() as where:
-        node = ObserverNode(
-            stream,
-            **where,
-            parameter_overrides=ros_values(
-                {name: value for name, value in overrides.items() if name in known}
-            ),
-        )
-        try:
-            for raw in samples(node):
-                node.stream.feed(0, raw, 0)
-            assert all(joint.used == 2 for joint in node.stream.bank.joints.values())
-            (joint, *_) = node.stream.bank.joints
-            for key, parameter in live.items():
-                overridable = stream.OVERRIDES and key in of_joints
-                for full in (key, f'per_joint.{joint}.{key}')[: 1 + overridable]:
-                    before = node.get_parameter(key).value
-                    for value in [*forms(parameter), before]:
-                        (result,) = node.set_parameters([RosParameter(full, value=value)])
-                        assert result.successful or result.reason, (full, value)
-                        for each in node.stream.bank.joints.values():
-                            assert each.used == 2 and len(each.estimate()) == 4
-                    assert result.successful, (full, before, result.reason)
-        finally:
-            node.destroy_node()
+    node = own(
+        family, **{key: value for key, value in given.items() if value and key in known}
+    ).node
+    live = {key: parameter for key, parameter in known.items() if not parameter.structural}
+    of_joints = declared(family.PER_JOINT) | declared(observers.find(observer).gains)
+    for raw in samples(node):
+        node.stream.feed(0, raw, 0)
+    joints = node.stream.bank.joints
+    assert all(joint.used == 2 for joint in joints.values())
+    for key, parameter in live.items():
+        overridable = family.OVERRIDES and key in of_joints
+        for full in (key, f'per_joint.{min(joints)}.{key}')[: 1 + overridable]:
+            before = node.get_parameter(key).value
+            for value in [*forms(parameter), before]:
+                (result,) = node.set_parameters([RosParameter(full, value=value)])
+                assert result.successful or result.reason, (full, value)
+                for each in joints.values():
+                    assert each.used == 2 and len(each.estimate()) == 4
+            assert result.successful, (full, before, result.reason)
 
 
 @pytest.mark.parametrize('name', ['joint_observer', 'pmsm_observer'])
@@ -303,19 +249,14 @@ def test_the_start_names_what_is_not_the_default_and_unknown_names_are_refused(
 
 @pytest.mark.parametrize('call', ['check', 'apply'])
 def test_an_exception_at_a_change_is_one_line_and_the_call_is_answered(
-    call, probe, monkeypatch, capfd
+    call, own, monkeypatch, capfd
 ):
     def fails(configuration):
         raise IndexError('of a model')
 
-    with in_context() as where:
-        node = ObserverNode('mechanical', **where)
-        try:
-            monkeypatch.setattr(node.stream, call, fails)
-            (result,) = node.set_parameters([RosParameter('bandwidth_hz', value=20.0)])
-        finally:
-            node.destroy_node()
-    assert result.successful == (call == 'apply')
+    node = own('mechanical')
+    monkeypatch.setattr(node.node.stream, call, fails)
+    assert bool(node.set(bandwidth_hz=20.0)) == (call == 'check')
     said = capfd.readouterr().err
     assert "observer 'geso' failed: IndexError: of a model (line " in said
     assert len(said.splitlines()) == 2  # that of the start, and this one

@@ -81,16 +81,6 @@ def test_stamps_that_contradict_the_sample_period_are_misconfigured_until_they_f
     assert len(motor.take(stamps[:0], values[:0]).rows) == 0
 
 
-def test_a_reset_forgets_which_batches_came():
-    motor = joint()
-    for batch in (made := batches(3)):
-        motor.take(*batch)
-    motor.reset()
-    assert not motor.running and motor.why() == ''
-    motor.take(*made[2])
-    assert not motor.dropped() and motor.running
-
-
 def test_overtaken_batches_are_late_and_three_in_a_row_are_a_clock_that_jumped():
     made = batches(30)
     motor = joint()
@@ -116,19 +106,6 @@ def test_a_bag_that_loops_starts_again():
         motor.take(*batch)
     assert motor.events() == {'clock_jump': 1} and motor.dropped() == {}
     assert motor.estimate()[3] == TRACKING
-
-
-def test_of_an_overlapping_batch_only_the_new_rows_are_used():
-    made = batches(20)
-    stamps, values = (np.concatenate(part) for part in zip(*made))
-    whole, pieces = joint(), joint()
-    for start in range(0, 1000, 50):
-        whole.take(stamps[start : start + 50], values[start : start + 50])
-        low = max(0, start - 10)
-        out = pieces.take(stamps[low : start + 50], values[low : start + 50])
-        assert np.isnan(out.rows[: start - low]).all()
-    assert repr(pieces.estimate()) == repr(whole.estimate())
-    assert pieces.dropped() == {'duplicate': 190}
 
 
 def test_a_lost_batch_is_a_gap_whatever_the_rate():
@@ -213,17 +190,6 @@ def test_what_is_lost_of_either_costs_only_its_partner(lost, gone, shift, random
     assert all(pair.sample == (k, 0.0, k, 1.0) for k, pair in zip(both, found))
 
 
-def test_how_far_stamps_are_apart_is_reported_until_they_pair():
-    pairs = Pairs(10)
-    for k in range(5):
-        pairs.put(CURRENT, 1000 * k, (0.0, 0.0))
-        pairs.put(VOLTAGE, 1000 * k + 300, (0.0, 0.0))
-    assert pairs.nearest_ns == 300 and pairs.paired == 0 and pairs.unpaired >= 8
-    pairs.put(CURRENT, 10_000, (0.0, 0.0))
-    pairs.put(VOLTAGE, 10_000, (0.0, 0.0))
-    assert pairs.nearest_ns is None and pairs.paired == 1
-
-
 def test_topics_that_never_pair_are_distinguished():
     stream = DriveStream.of({**MOTOR, 'input': 'current_voltage'})
     for k in range(10):
@@ -242,13 +208,6 @@ def test_a_clock_that_jumps_back_does_not_block(back):
         found += pairs.put(CURRENT, 1000 * k, (0.0, 0.0))
         found += pairs.put(VOLTAGE, 1000 * k, (0.0, 0.0))
     assert len(found) == 5
-
-
-def test_one_that_comes_alone_does_not_pile_up():
-    pairs = Pairs(10)
-    for k in range(1000):
-        pairs.put(CURRENT, 1000 * k, (0.0, 0.0))
-    assert pairs.unpaired == 900
 
 
 def test_phases_without_neutral_sum_to_zero():

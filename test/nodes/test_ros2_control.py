@@ -4,7 +4,6 @@
 """What a plugin of ros2_control that reads a topic needs of us; see docs/ros2_control.md."""
 
 import math
-import threading
 import time
 from pathlib import Path
 from xml.etree import ElementTree
@@ -16,6 +15,7 @@ from ament_index_python.packages import get_package_share_directory
 
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
 FILES = Path(get_package_share_directory('velocity_estimator'), 'config', 'ros2_control')
+TURN = 2.0 * math.pi
 FRAGMENT = ElementTree.parse(FILES / 'joint_state_topic.ros2_control.xacro').getroot()
 LOST = 'elbow_joint'
 NAMES = [
@@ -26,25 +26,6 @@ NAMES = [
     'wrist_2_joint',
     'wrist_3_joint',
 ]
-DRIFT = [0.3, -0.2, 0.1, 0.0, -0.3, 0.4]  # [rad/s] at most, of a slow sine
-SLOW, SWING, PACE = 2.0 * math.pi * 0.01, 0.3, 2.0 * math.pi * 0.2  # [rad/s, rad, rad/s]
-TURN = 100 * 10**9  # [ns] after which both sines repeat
-
-
-def motion(stamp_ns):
-    """The positions and velocities of all joints at a stamp."""
-    t = stamp_ns % TURN * 1e-9
-    found = []
-    for joint, drift in enumerate(DRIFT):
-        slow, phase = SLOW * t, PACE * t + joint
-        position = drift / SLOW * math.sin(slow) + SWING * math.sin(phase)
-        found.append((position, drift * math.cos(slow) + SWING * PACE * math.cos(phase)))
-    return [each[0] for each in found], [each[1] for each in found]
-
-
-def efforts(count):
-    """The efforts in the message number `count` of a driver: they carry its number."""
-    return [count + 0.125 * joint for joint in range(len(NAMES))]
 
 
 def parameters(name):
@@ -113,58 +94,18 @@ def test_the_files_fit_each_other_and_the_node():
         assert names != '/joint_states'  # of joint_state_broadcaster
 
 
-class Driver:
-    """A UR's driver at 250 Hz with a gripper that never moves; `lost` loses the elbow's angle."""
-
-    def __init__(self, node, topic):
-        from sensor_msgs.msg import JointState
-
-        self.lost = False
-        self.lost_stamps = set()
-        self._running = True
-        self._publisher = node.create_publisher(JointState, topic, 50)
-        self._message = JointState(name=[*NAMES, 'gripper'])
-        self._clock = node.get_clock()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self):
-        message, count = self._message, 0
-        while self._running:
-            message.header.stamp = self._clock.now().to_msg()
-            stamp = stamp_of(message)
-            positions = [*motion(stamp)[0], math.nan]
-            if self.lost:
-                positions[NAMES.index(LOST)] = math.nan
-                self.lost_stamps.add(stamp)
-            message.position = positions
-            message.effort = [*efforts(count), 0.0]
-            self._publisher.publish(message)
-            count += 1
-            time.sleep(0.004)
-
-    def close(self, node):
-        self._running = False
-        self._thread.join()
-        node.destroy_publisher(self._publisher)
-
-
-def stamp_of(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
 def test_the_plugin_gets_states_of_one_instant_and_nothing_while_a_joint_is_lost(probe):
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import JointState
 
-    words = dds.ros_args(
-        remap=('joint_states:=/driver/joint_states',), file=FILES / 'joint_observer.yaml'
-    )
-    newest, came = {}, []
+    remap = ('joint_states:=/driver/joint_states',)
+    words = dds.ros_args(remap=remap, file=FILES / 'joint_observer.yaml')
+    plugins, came = [Plugin(finite_only) for finite_only in (False, True)], []
+    driver = probe.node.create_publisher(JointState, '/driver/joint_states', 50)
+    sent = {}  # (positions, velocities) by stamp
 
     def receive(message):
-        newest['message'] = message
-        came.append(stamp_of(message))
+        came.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
         for plugin in plugins:
             plugin.read(message)
         assert all(map(math.isfinite, plugins[0].states.values()))
@@ -172,30 +113,40 @@ def test_the_plugin_gets_states_of_one_instant_and_nothing_while_a_joint_is_lost
         assert list(message.name) == NAMES  # the gripper holds nothing back
         assert len(message.position) == len(message.velocity) == len(message.effort) == 6
 
-    plugins = [Plugin(finite_only) for finite_only in (False, True)]
+    def drive(seconds, lost=False):
+        """A driver at 250 Hz with a gripper that never moves; `lost` loses the elbow's angle."""
+        first = len(sent)
+        while len(sent) < first + 250 * seconds:
+            begun, angles = time.time_ns(), [0.3 * time.time() % TURN + k for k in range(6)]
+            positions = [0.3 * math.sin(angle) for angle in angles]
+            sent[begun] = positions, [0.09 * math.cos(angle) for angle in angles]
+            message = JointState(name=[*NAMES, 'gripper'], effort=[float(len(sent))] * 7)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(begun, 10**9)
+            message.position = [*positions, math.nan]
+            if lost:
+                message.position[NAMES.index(LOST)] = math.nan
+            driver.publish(message)
+            probe.executor.spin_once(timeout_sec=0.003)
+
     # rclcpp::SensorDataQoS, as the plugin has it: best effort, volatile, depth 5
     assert qos_profile_sensor_data.depth == 5
-    listener = probe.node.create_subscription(
+    probe.node.create_subscription(
         JointState, hardware('joint_states_topic'), receive, qos_profile_sensor_data
     )
     with dds.NodeProcess(MODULE, *words) as node:
-        driver = Driver(probe.node, '/driver/joint_states')
-        try:
-            probe.until(lambda: len(came) > 300)
-            states, stamp = dict(plugins[0].states), stamp_of(newest['message'])
-            driver.lost = True
-            probe.until(lambda: len(driver.lost_stamps) > 50)
-            during = len(came)
-            probe.until(lambda: len(driver.lost_stamps) > 250)  # it is lost, not only coasting
-            assert len(came) == during
-            driver.lost = False
-            probe.until(lambda: len(came) > during + 100)
-        finally:
-            driver.close(probe.node)
-            probe.node.destroy_subscription(listener)
+        probe.until(driver.get_subscription_count)
+        drive(1.2)
+        states, stamp, before = dict(plugins[0].states), came[-1], len(sent)
+        drive(0.2, lost=True)
+        during = len(came)
+        drive(0.8, lost=True)  # it is lost, not only coasting
+        assert len(came) == during
+        after = len(sent)
+        drive(0.5)
+        assert len(came) > during + 50
         assert 'incompatible QoS' not in node.output and 'Traceback' not in node.output
-    assert not driver.lost_stamps & set(came)
+    assert not set([*sent][before:after]) & set(came)
     assert came == sorted(set(came))
-    for joint, position, velocity in zip(NAMES, *motion(stamp)):
+    for joint, position, velocity in zip(NAMES, *sent[stamp]):
         assert states[f'{joint}/position'] == pytest.approx(position, abs=5e-3)
         assert states[f'{joint}/velocity'] == pytest.approx(velocity, abs=0.05)

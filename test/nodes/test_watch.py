@@ -75,8 +75,10 @@ def test_a_running_observer_from_start_to_end(probe, tmp_path):
             probe.executor.spin_once(timeout_sec=0.01)
 
     with dds.NodeProcess('estimator_pkg.nodes.executables joint_observer') as node:
-        first = watch('--duration', '2.5', '--json', str(tmp_path / 'seen.json'))
-        feed(lambda: first.poll() is not None)
+        first = watch('--duration', '1.5', '--json', str(tmp_path / 'seen.json'))
+        wrong = watch('/nonsense')
+        feed(lambda: None not in (first.poll(), wrong.poll()))
+        assert wrong.returncode == 1 and wrong.communicate()[1].count('\n') == 1
         text, errors = first.communicate()
         assert first.returncode == 0, errors
         assert max(map(len, text.splitlines())) <= 80
@@ -87,16 +89,11 @@ def test_a_running_observer_from_start_to_end(probe, tmp_path):
         assert 0 < elbow['dropped'] < elbow['received'] and 20.0 < elbow['rate'] < 120.0
         assert 'wrist' in seen['joints'] and seen['estimates'] > 20
 
-        second = watch('/nonsense')
         third = watch()
-        heard = []
-        feed(lambda: second.poll() is not None)
-        assert second.returncode == 1
-        assert second.communicate()[1].count('\n') == 1
-        heard.append(third.stdout.readline())
-        assert heard[0].startswith('/joint_observer  ')
         fourth = watch()
-        feed(lambda: select.select([fourth.stdout], [], [], 0.0)[0])
+        for each in (third, fourth):
+            feed(lambda each=each: select.select([each.stdout], [], [], 0.0)[0])
+        assert third.stdout.readline().startswith('/joint_observer  ')
         fourth.send_signal(signal.SIGINT)  # a clean end
         text, errors = fourth.communicate(timeout=30)
         assert fourth.returncode == 0 and not errors and text.endswith(' estimates received\n')

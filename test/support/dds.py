@@ -13,8 +13,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
 import nursery
@@ -358,31 +357,6 @@ class Observer:
         request = GetParameters.Request(names=[name])
         answer = self.probe.call(GetParameters, f'{self.name}/get_parameters', request)
         return parameter_value_to_python(answer.values[0])
-
-
-@contextmanager
-def commanded(
-    probe: Probe, node: str, name: str, kind: type, *parameters: str
-) -> Iterator[tuple[Observer, Any]]:
-    """A node whose efforts come by a topic of their own: (observer, publisher of efforts).
-
-    It reads /<name> and /<name>_command, of type `kind`.
-    """
-    words = ros_args(
-        'input:=effort_command',
-        *parameters,
-        remap=(f'joint_states:=/{name}', f'effort_command:=/{name}_command'),
-    )
-    with (
-        NodeProcess(f'estimator_pkg.nodes.executables {node}', *words) as process,
-        Observer(probe, f'/{node}', f'/{name}') as observer,
-    ):
-        observer.process = process
-        efforts = probe.node.create_publisher(kind, f'/{name}_command', 10)
-        observer.connect()
-        probe.until(efforts.get_subscription_count)
-        yield observer, efforts
-        probe.node.destroy_publisher(efforts)
 
 
 def value(entry: Any, key: str) -> str:

@@ -3,7 +3,7 @@
 
 """The process of a publisher that floods a node.
 
-python test/support/stream_roles.py flood KIND RATE JOINTS
+python test/support/stream_roles.py RATE JOINTS
 
 It ends when it has read a line.
 """
@@ -20,11 +20,9 @@ from contextlib import suppress
 from typing import Any
 
 import rclpy
-from geometry_msgs.msg import Vector3Stamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from estimator_pkg.messages import vector3
 from estimator_pkg.messages.joint_state import Encoder
 
 
@@ -32,12 +30,12 @@ def best_effort(depth: int) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class Role:
-    """A process of this file."""
+class Flood:
+    """The process of this file: joints at a rate [Hz]."""
 
-    def __init__(self, name: str, *words: str) -> None:
+    def __init__(self, rate: float, joints: int) -> None:
         self._child = subprocess.Popen(
-            [*(sys.executable, __file__, name), *words],
+            [sys.executable, __file__, str(rate), str(joints)],
             text=True,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -57,7 +55,7 @@ class Role:
         self._child.stdin.write('\n')
         self._child.stdin.flush()
 
-    def __enter__(self) -> Role:
+    def __enter__(self) -> Flood:
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -72,59 +70,30 @@ class Role:
         self._child.stdout.close()
 
 
-TURNS = 50.0  # of that drive, electrical [1/s]
-FLOODS = {
-    'joints': {'joint_states': JointState},
-    'estimates': {'estimate': JointState},
-    'vectors': {'current': Vector3Stamped, 'voltage': Vector3Stamped},
-}
-
-
-def made(kind: str, joints: int, rate: float) -> Any:
-    """Return (number, stamp [ns]) -> the bytes of one message on each topic of the flood."""
-    encode = Encoder().encode
+def flood(node: Any, rate: float, joints: int) -> None:
+    """Publish at this rate [Hz] until a line comes; print the number of messages."""
+    publisher = node.create_publisher(JointState, 'joint_states', best_effort(50))
+    ended, encode = threading.Event(), Encoder().encode
     names = [f'joint_{i}' for i in range(joints)]
-
-    def of_joints(k: int, stamp_ns: int) -> tuple[bytes, ...]:
-        angle = [math.sin(1e-3 * k)] * joints
-        return (encode(stamp_ns, 'base', names, angle, (), angle),)
-
-    def of_drive(k: int, stamp_ns: int) -> tuple[bytes, ...]:
-        angle = 2.0 * math.pi * TURNS * k / rate
-        sine, cosine = math.sin(angle), math.cos(angle)
-        return (
-            vector3.encode(stamp_ns, '', 5.0 * sine, 5.0 * cosine),
-            vector3.encode(stamp_ns, '', 0.6 * cosine, -0.6 * sine),
-        )
-
-    return of_drive if kind == 'vectors' else of_joints
-
-
-def flood(node: Any, kind: str, rate: float, joints: int) -> None:
-    """Publish at this rate [Hz] until a line comes; print the number of messages on each topic."""
-    publishers = [
-        node.create_publisher(each, topic, best_effort(50)) for topic, each in FLOODS[kind].items()
-    ]
-    ended = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.readline(), ended.set()), daemon=True).start()
-    while not all(each.get_subscription_count() for each in publishers):
+    while not publisher.get_subscription_count():
         time.sleep(1e-3)
-    make, k = made(kind, joints, rate), 0
-    begun, begun_ns = time.perf_counter(), time.time_ns()
+    begun, begun_ns, k = time.perf_counter(), time.time_ns(), 0
     while not ended.is_set():
         time.sleep(max(0.0, begun + k / rate - time.perf_counter()))
-        for publisher, raw in zip(publishers, make(k, begun_ns + round(1e9 * k / rate))):
-            publisher.publish(raw)
+        angles = [math.sin(1e-3 * k)] * joints
+        publisher.publish(
+            encode(begun_ns + round(1e9 * k / rate), 'base', names, angles, (), angles)
+        )
         k += 1
-    print(json.dumps({'published': k * len(publishers)}), flush=True)
+    print(json.dumps({'published': k}), flush=True)
     time.sleep(0.5)  # the last ones leave
 
 
 if __name__ == '__main__':
     rclpy.init()
-    _, what, often, count = sys.argv[1:]
     here = rclpy.create_node('starting_flood')
-    flood(here, what, float(often), int(count))
+    flood(here, float(sys.argv[1]), int(sys.argv[2]))
     # Like every node it leaves ROS: after a process that was killed, its peers lose what they send
     # to the next one for a second or two (Fast DDS's shared memory).
     here.destroy_node()
