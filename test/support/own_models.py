@@ -57,18 +57,6 @@ class WrongPsi(TwoLinks):
         return np.linalg.cholesky(np.linalg.inv(self.inertia(q)))
 
 
-class WrongCalm(CartPendulum):
-    """calM that is not M^-1 Psi^-T."""
-
-    def psi(self, q):
-        """Psi(q)."""
-        return np.linalg.cholesky(np.linalg.inv(self.inertia(q)))
-
-    def calm(self, q):
-        """calM(q), wrong."""
-        return 1.01 * self.psi(q)
-
-
 class WrongCoriolis(CartPendulum):
     """Coriolis forces of the wrong sign."""
 
