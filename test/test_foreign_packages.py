@@ -37,8 +37,11 @@ MODEL = '''
         def inertia(self, q):
             return np.array([[2.0]])
 
-        def force(self, q, v, u):
-            return u - self.stiffness * q
+        def gradient(self, q):
+            return self.stiffness * q
+
+        def inputs(self, q):
+            return np.eye(1)
 
 
     MODEL = Model(name='slide', summary='a slide on a spring', parameters=Parameters)

@@ -10,12 +10,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimator_pkg.driver.bank import Bank, Line, Taken, taken
-from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.driver.configuration import Configuration, JointSettings
+from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import EFFORT_COMMAND, EFFORT_FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
@@ -25,8 +21,6 @@ from estimator_pkg.observers.adaptive.report import IdentificationReport, Origin
 from estimator_pkg.observers.adaptive.structure import structure
 from estimator_pkg.observers.contract import Observer
 
-PIECE_BLOCKS = 0.25  # length of a batch, in blocks of evidence
-
 
 class AdaptiveJoint(Joint):
     """A `Joint` that collects the evidence of its samples about the parameters.
@@ -34,57 +28,55 @@ class AdaptiveJoint(Joint):
     Parameters
     ----------
     observer, gains, settings : as in `Joint`.
+    source : of the efforts: EFFORT_FIELD (in joint states) or EFFORT_COMMAND (on a topic).
+    origin : origin of its start parameters, if they come from a file.
 
     Attributes
     ----------
     evidence : see `estimator_pkg.observers.adaptive.evidence`.
-    origin : origin of its start parameters, if they come from a file.
+    unknown : the newest sample had no known input.
     """
 
-    def __init__(self, observer: type[Observer], gains: Any, settings: JointSettings) -> None:
+    settings: DrivenSettings
+
+    def __init__(
+        self,
+        observer: type[Observer],
+        gains: Any,
+        settings: DrivenSettings,
+        source: str = EFFORT_FIELD,
+        origin: Origin | None = None,
+    ) -> None:
         super().__init__(observer, gains, settings)
+        self._acting, self.unknown = Acting(1, source, settings), False
+        self.origin = origin
         self.evidence = Evidence(structure(gains).slowest, gains.memory)
-        self.origin: Origin | None = None
 
     def set_gains(self, gains: Any) -> None:
         """See `Joint`."""
         super().set_gains(gains)
         self.evidence.memory = gains.memory
 
+    def take(self, stamp_ns: int, position: float, effort: float) -> bool:
+        """Take a sample with the effort of its message, nan: none; return True if it was used."""
+        (known_input,) = self._acting.known_input(self.stamp_ns, stamp_ns, (effort,), self.settings)
+        self.unknown = not math.isfinite(known_input)
+        # counted as such: half a sample is none
+        return self.update(stamp_ns, math.nan if self.unknown else position, known_input)
+
+    def command(self, stamp_ns: int, effort: float) -> None:
+        """Take an effort_command."""
+        self._acting.command(0, stamp_ns, effort)
+
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample; see `Joint`."""
         used = super().update(stamp_ns, measurement, known_input)
-        self._look()
+        self.evidence.look(self.state.adapted, self.state.sums)
         return used
 
-    def run(
-        self,
-        stamps: NDArray[np.int64],
-        measurements: NDArray[np.float64],
-        known_input: NDArray[np.float64] | None = None,
-    ) -> Estimates:
-        """As `Joint.run`, piece by piece: blocks of evidence end where a piece does.
-
-        Arrays of shape (n,): stamps [ns], measurements [rad or m], known_input [its unit].
-        """
-        pieces: list[Estimates] = []
-        begin = 0
-        while begin < len(stamps) or not pieces:
-            length_ns = round(PIECE_BLOCKS * self.evidence.length * 1e9)
-            end = len(stamps) and begin + 1 + int(
-                np.searchsorted(stamps[begin + 1 :], stamps[begin] + length_ns)
-            )
-            part = slice(begin, end)
-            pieces.append(
-                super().run(
-                    stamps[part],
-                    measurements[part],
-                    None if known_input is None else known_input[part],
-                )
-            )
-            self._look()
-            begin = end
-        return Estimates(*(np.concatenate(column) for column in zip(*pieces)))
+    def why_silent(self) -> str:
+        """Return why no sample can be used, if its input is the reason, else ''."""
+        return self._acting.why_unknown() if self.unknown else ''
 
     @property
     def needs_motion(self) -> bool:
@@ -96,10 +88,6 @@ class AdaptiveJoint(Joint):
         return report(
             self.gains, self.design, self.state, self.mean_dt or 1e-3, self.evidence, self.origin
         )
-
-    def _look(self) -> None:
-        state = self.state
-        self.evidence.look(state.adapted, state.sums)
 
 
 class AdaptiveConfiguration(Configuration):
@@ -128,7 +116,7 @@ class AdaptiveConfiguration(Configuration):
         for joint in self.saved:
             self.for_joint(joint)
 
-    def for_joint(self, joint: str) -> tuple[Any, JointSettings]:
+    def for_joint(self, joint: str) -> tuple[Any, Any]:
         """Return (gains, settings) of this joint."""
         gains, settings = super().for_joint(joint)
         own = self.saved.get(joint)
@@ -171,27 +159,27 @@ class AdaptiveBank(Bank):
     Parameters
     ----------
     configuration, only, most : as in `Bank`.
-    source : of the efforts: EFFORT_FIELD (in joint states) or EFFORT_COMMAND (on a topic).
+    source : as in `AdaptiveJoint`.
     """
+
+    configuration: AdaptiveConfiguration
 
     def __init__(
         self,
-        configuration: Configuration,
+        configuration: AdaptiveConfiguration,
         only: Iterable[str] = (),
         source: str = EFFORT_FIELD,
         most: int | None = None,
     ) -> None:
         super().__init__(configuration, only, most)
         self._source = source
-        self._acting: dict[str, Acting] = {}
-        self.unknown: set[str] = set()  # joints without a known input at their newest sample
         self.without_input = 0  # messages with positions but without efforts
 
-    def _make(self, name: str) -> Joint:
-        made = AdaptiveJoint(self.configuration.observer, *self.configuration.for_joint(name))
-        if isinstance(self.configuration, AdaptiveConfiguration):
-            made.origin = self.configuration.origin(name)
-        return made
+    def _make(self, name: str) -> AdaptiveJoint:
+        gains, settings = self.configuration.for_joint(name)
+        origin = self.configuration.origin(name)
+        observer = self.configuration.observer
+        return AdaptiveJoint(observer, gains, settings, self._source, origin)
 
     def take(
         self,
@@ -208,80 +196,34 @@ class AdaptiveBank(Bank):
         """
         if not self.fits(names, positions):
             return None
-        if self._source != EFFORT_COMMAND and len(efforts) != len(names):
+        commanded = self._source == EFFORT_COMMAND
+        if not commanded and len(efforts) != len(names):
             self.without_input += 1
             self.mismatched += 1
             return None
         names, positions, efforts = self.selected(names, positions, efforts)
-        joints: list[Any] = []
-        estimates: list[tuple[float, float, float, int] | None] = []
-        commanded = (math.nan,) * len(names)
-        for name, position, effort in zip(
-            names, positions, commanded if self._source == EFFORT_COMMAND else efforts
-        ):
-            joint: Any = self.joints.get(name) or self.joint(name)
-            joints.append(joint)
-            estimates.append(
-                joint.estimate()
-                if joint is not None and self._update(name, joint, stamp_ns, position, effort)
-                else None
-            )
+        joints: list[Any] = [self.joint(name) for name in names]
+        of_field = (math.nan,) * len(names) if commanded else efforts
+        estimates = [
+            joint.estimate() if joint and joint.take(stamp_ns, position, effort) else None
+            for joint, position, effort in zip(joints, positions, of_field)
+        ]
         return taken(names, estimates, efforts, Line(names, joints), positions)
 
-    def _update(
-        self, name: str, joint: Joint, stamp_ns: int, position: float, effort: float
-    ) -> bool:
-        """One sample of a joint in; True if it was used."""
-        settings: Any = joint.settings
-        (known_input,) = self._acting_on(name).known_input(
-            joint.stamp_ns, stamp_ns, (effort,), settings
-        )
-        if math.isfinite(known_input):
-            self.unknown.discard(name)
-        else:
-            position = math.nan  # counted as such: half a sample is none
-            self.unknown.add(name)
-        return joint.update(stamp_ns, position, known_input)
-
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
-        """Take one effort_command."""
+        """Take one effort_command; it is unused for a joint that had no position yet."""
         for name, effort in zip(names, efforts):
-            if (
-                name in self.joints
-                or name in self._acting
-                or self.named(name)
-                or (not self.only and len(self._acting) < self.most)
-            ):
-                self._acting_on(name).command(0, stamp_ns, effort)
-
-    def forget(self, name: str) -> None:
-        """See `Bank`."""
-        super().forget(name)
-        self._acting.pop(name, None)
-        self.unknown.discard(name)
-
-    def _acting_on(self, name: str) -> Acting:
-        acting = self._acting.get(name)
-        if acting is None:
-            settings: Any = self.configuration.for_joint(name)[1]
-            acting = self._acting[name] = Acting(1, self._source, settings)
-        return acting
+            if name in self.joints:
+                self.joints[name].command(stamp_ns, effort)
 
     def why_silent(self, name: str) -> str:
         """Return why no sample of this joint can be used, if its input is the reason, else ''."""
-        if name not in self.unknown:
-            return ''
-        return self._acting_on(name).why_unknown()
+        return str(self.joints[name].why_silent()) if name in self.joints else ''
 
     def unit(self, name: str) -> str:
         """Return the unit of this joint's input; empty: not known."""
-        settings: Any = self.joints[name].settings
-        return settings.input_unit
+        return str(self.joints[name].settings.input_unit)
 
     def reports(self) -> dict[str, IdentificationReport]:
         """Return the identified parameters of each joint."""
-        return {
-            name: joint.report()
-            for name, joint in self.joints.items()
-            if joint.used and isinstance(joint, AdaptiveJoint)
-        }
+        return {name: joint.report() for name, joint in self.joints.items() if joint.used}

@@ -76,74 +76,6 @@ class DrivenSettings(JointSettings):
                 raise UsageError(f"{owner}: '{name}' has {length} numbers for {right}")
 
 
-class Inputs:
-    """Inputs over time, each constant until the next.
-
-    Parameters
-    ----------
-    count : number of inputs.
-    """
-
-    def __init__(self, count: int) -> None:
-        self._steps: list[deque[tuple[int, float]]] = [
-            deque(maxlen=STORED_EFFORTS) for _ in range(count)
-        ]
-
-    def __len__(self) -> int:
-        return len(self._steps)
-
-    def add(self, index: int, stamp_ns: int, value: float) -> None:
-        """Set the value of input `index` from `stamp_ns` on."""
-        steps = self._steps[index]
-        while steps and steps[-1][0] >= stamp_ns:  # a clock that jumped, or a correction
-            steps.pop()
-        steps.append((stamp_ns, value))
-
-    def mean(
-        self, begin_ns: int, end_ns: int, oldest_ns: int, delays_ns: Sequence[int] = (0,)
-    ) -> tuple[float, ...]:
-        """Return the mean of each input over an interval; nan if none was valid at its start.
-
-        Parameters
-        ----------
-        oldest_ns : how long an input stays valid [ns].
-        delays_ns : delay from an input's stamp to its action, for all or each.
-        """
-        if len(delays_ns) == 1:
-            delays_ns = (delays_ns[0],) * len(self._steps)
-        return tuple(
-            self._mean(steps, begin_ns - delay, end_ns - delay, oldest_ns)
-            for steps, delay in zip(self._steps, delays_ns)
-        )
-
-    @staticmethod
-    def _mean(steps: deque[tuple[int, float]], begin_ns: int, end_ns: int, oldest_ns: int) -> float:
-        while len(steps) > 1 and steps[1][0] <= begin_ns:
-            steps.popleft()
-        if (
-            not steps
-            or steps[0][0] > begin_ns
-            or end_ns - steps[0][0] > oldest_ns + (end_ns - begin_ns)
-        ):
-            return math.nan
-        if end_ns <= begin_ns or len(steps) == 1 or steps[1][0] >= end_ns:
-            return steps[0][1]  # exact, without a rounding error
-        total, since, value = 0.0, begin_ns, steps[0][1]
-        for stamp_ns, following in steps:
-            if stamp_ns <= begin_ns:
-                continue
-            if stamp_ns >= end_ns:
-                break
-            total += value * (stamp_ns - since)
-            since, value = stamp_ns, following
-        return (total + value * (end_ns - since)) / (end_ns - begin_ns)
-
-    def clear(self) -> None:
-        """Remove all inputs."""
-        for steps in self._steps:
-            steps.clear()
-
-
 class Acting:
     """The input of a joint or system, from its samples and efforts.
 
@@ -159,14 +91,19 @@ class Acting:
         self._measured = (
             settings.effort_is or (MEASURED if source == EFFORT_FIELD else COMMANDED)
         ) == MEASURED
-        self._inputs = Inputs(count)
+        # (since when, value) of each input: constant until the next
+        self._steps: list[deque[tuple[int, float]]] = [
+            deque(maxlen=STORED_EFFORTS) for _ in range(count)
+        ]
         self._last_ns = [0] * count  # stamp of the previous effort
         self._unknown_ns = 0  # stamp of the newest sample, if its input was not known
 
     def command(self, place: int, stamp_ns: int, effort: float) -> None:
         """Take an effort from its own topic; one that is not finite is ignored."""
         if self._source == EFFORT_COMMAND and math.isfinite(effort):
-            self._put(place, stamp_ns, effort)
+            before_ns, self._last_ns[place] = self._last_ns[place], stamp_ns
+            since_ns = _related(before_ns, stamp_ns) if self._measured else stamp_ns
+            self._add(place, since_ns, effort)
 
     def known_input(
         self, before_ns: int, stamp_ns: int, efforts: Sequence[float], settings: DrivenSettings
@@ -192,9 +129,14 @@ class Acting:
             before_ns = _related(before_ns and max(before_ns, self._unknown_ns), stamp_ns)
             delays_ns = [round(delay * 1e9) for delay in delays]
             oldest_ns = round(settings.input_timeout * 1e9) + (max(delays_ns) if field else 0)
+            if len(delays_ns) == 1:
+                delays_ns = delays_ns * len(self._steps)
             if field and self._measured:
                 self._came(before_ns, efforts)
-            values = self._inputs.mean(before_ns, stamp_ns, oldest_ns, delays_ns)
+            values = [
+                _mean(steps, before_ns - delay, stamp_ns - delay, oldest_ns)
+                for steps, delay in zip(self._steps, delays_ns)
+            ]
             if field and not self._measured:
                 self._came(stamp_ns, efforts)
             self._unknown_ns = 0 if all(map(math.isfinite, values)) else stamp_ns
@@ -228,18 +170,40 @@ class Acting:
     def _came(self, since_ns: int, efforts: Sequence[float]) -> None:
         for place, effort in enumerate(efforts):
             if math.isfinite(effort):
-                self._inputs.add(place, since_ns, effort)
+                self._add(place, since_ns, effort)
 
-    def _put(self, place: int, stamp_ns: int, effort: float) -> None:
-        before_ns, self._last_ns[place] = self._last_ns[place], stamp_ns
-        since_ns = _related(before_ns, stamp_ns) if self._measured else stamp_ns
-        self._inputs.add(place, since_ns, effort)
+    def _add(self, place: int, since_ns: int, effort: float) -> None:
+        steps = self._steps[place]
+        while steps and steps[-1][0] >= since_ns:  # a clock that jumped, or a correction
+            steps.pop()
+        steps.append((since_ns, effort))
 
     def clear(self) -> None:
         """Remove all inputs."""
-        self._inputs.clear()
+        for steps in self._steps:
+            steps.clear()
         self._unknown_ns = 0
-        self._last_ns = [0] * len(self._inputs)
+        self._last_ns = [0] * len(self._steps)
+
+
+def _mean(steps: deque[tuple[int, float]], begin_ns: int, end_ns: int, oldest_ns: int) -> float:
+    """Return the mean of an input over an interval; nan if none was valid at its start.
+
+    An input stays valid for `oldest_ns` [ns]. What ended before the interval is removed.
+    """
+    while len(steps) > 1 and steps[1][0] <= begin_ns:
+        steps.popleft()
+    if not steps or steps[0][0] > begin_ns or begin_ns - steps[0][0] > oldest_ns:
+        return math.nan
+    if end_ns <= begin_ns or len(steps) == 1 or steps[1][0] >= end_ns:
+        return steps[0][1]  # exact, without a rounding error
+    acting = [step for step in steps if step[0] < end_ns]
+    ends_ns = [since for since, _ in acting[1:]] + [end_ns]
+    total, since_ns = 0.0, begin_ns
+    for (_, value), until_ns in zip(acting, ends_ns):
+        total += value * (until_ns - since_ns)
+        since_ns = until_ns
+    return total / (end_ns - begin_ns)
 
 
 def _related(before_ns: int, stamp_ns: int) -> int:

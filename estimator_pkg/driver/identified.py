@@ -122,19 +122,17 @@ def load(path: str) -> dict[str, dict[str, Any]]:
 
 def _is_entry(own: Any) -> bool:
     """Return True if this is a joint's entry as `save` writes it."""
-    if not isinstance(own, dict) or type(own.get('order')) is not int:
+    try:
+        n, stddev = own['order'], own.get('stddev', [])
+        others = [own[word] for word in ('load', 'gravity') if word in own]
+        numbers = [*own['a'], *own['b'], *others]
+        return (
+            type(n) is int
+            and len(own['a']) == len(own['b']) == n
+            and all(type(x) is float and math.isfinite(x) for x in numbers)
+            and len(stddev) in (0, len(numbers))
+            and all(type(x) is float for x in stddev)
+            and type(own.get('trusted', True)) is bool
+        )
+    except (TypeError, KeyError, AttributeError):
         return False
-    a, b = own.get('a'), own.get('b')
-    if not isinstance(a, list) or not isinstance(b, list):
-        return False
-    others = (own.get('load', 0.0), own.get('gravity', 0.0))
-    said = own.get('stddev', [])
-    if not isinstance(said, list) or not all(isinstance(x, float) for x in said):
-        return False
-    if said and len(said) != 2 * own['order'] + ('load' in own) + ('gravity' in own):
-        return False
-    if not isinstance(own.get('trusted', True), bool):
-        return False
-    return len(a) == len(b) == own['order'] and all(
-        isinstance(x, float) and math.isfinite(x) for x in (*a, *b, *others)
-    )

@@ -9,11 +9,9 @@ No ROS here: the live node and replay pass it the same messages and get the same
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
-from itertools import combinations
 from typing import Any
 
 from estimator_pkg.circle import Circle, is_angle
@@ -27,13 +25,12 @@ from estimator_pkg.driver.efforts import (
     DrivenSettings,
 )
 from estimator_pkg.driver.joint import TYPICAL_DT, Joint
+from estimator_pkg.driver.pairs import Pairing, Partial
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanism.observer import MechanismObserver, State
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.sensor.convention import Convention
-
-MOST_PARTIAL = 16  # largest number of incomplete stamps of a mechanism
 
 
 @dataclass(frozen=True)
@@ -201,9 +198,8 @@ class Mechanism(Joint):
         self._input_of = {self.names[k]: place for place, k in enumerate(mechanics.actuated)}
         self._source = source
         self._acting = Acting(mechanics.inputs, source, settings)
-        self._pending: deque[_Partial] = deque()
-        self.incomplete = 0  # stamps that never got all their joints
-        self.completed = _Partial(0)  # the newest sample, used or not
+        self._pairing = Pairing(self.size, 1e9 * settings.pair_tolerance)
+        self.completed = Partial()  # the newest sample, used or not
         settings.check_inputs(mechanics.inputs, f"mechanism '{name}'")
 
     def _module_of(self, gains: Any) -> Any:
@@ -234,55 +230,30 @@ class Mechanism(Joint):
         efforts: Sequence[float],
     ) -> bool | None:
         """Take one message; None if it completes no sample, else True if the sample was used."""
-        found = self._partial(stamp_ns, names)
+        with_efforts = efforts if len(efforts) == len(names) else (None,) * len(names)
+        parts = {
+            self._index[joint]: (position, effort)
+            for joint, position, effort in zip(names, positions, with_efforts)
+            if joint in self._index
+        }
+        found = self._pairing.put(stamp_ns, parts) if parts else None
         if found is None:
             return None
-        has_effort = len(efforts) == len(names)
-        for k, (joint, position) in enumerate(zip(names, positions)):
-            index = self._index.get(joint)
-            if index is None:
-                continue
-            found.positions[index] = position
-            if has_effort:
-                found.efforts[index] = efforts[k]
-        if len(found.positions) < len(self.names):
-            return None
-        while self._pending and self._pending[0] is not found:
-            self._pending.popleft()
-            self.incomplete += 1
-        self._pending.popleft()
         self.completed = found
-        return self._complete(found)
-
-    def _partial(self, stamp_ns: int, names: Sequence[str]) -> _Partial | None:
-        mine = [joint for joint in names if joint in self._index]
-        if not mine:
-            return None
-        tolerance_ns = self.settings.pair_tolerance * 1e9
-        for waiting in self._pending:
-            if abs(waiting.stamp_ns - stamp_ns) <= tolerance_ns and not any(
-                self._index[joint] in waiting.positions for joint in mine
-            ):
-                waiting.stamp_ns = max(waiting.stamp_ns, stamp_ns)
-                return waiting
-        waiting = _Partial(stamp_ns)
-        self._pending.append(waiting)
-        if len(self._pending) > MOST_PARTIAL:
-            self._pending.popleft()
-            self.incomplete += 1
-        return waiting
-
-    def _complete(self, found: _Partial) -> bool:
-        stamp_ns, actuated = found.stamp_ns, self.plan.mechanics.actuated
-        efforts = found.efforts if self._source == EFFORT_FIELD else {}
+        acted = [found.parts[k][1] for k in self.plan.mechanics.actuated]
         known_input = self._acting.known_input(
             self.stamp_ns,
-            stamp_ns,
-            [efforts.get(index, math.nan) for index in actuated],
+            found.stamp_ns,
+            [math.nan if effort is None else effort for effort in acted],
             self.settings,
         )
-        measurement = [float(found.positions[k]) for k in range(len(self.names))]
-        return self.update(stamp_ns, measurement, known_input)
+        measurement = [float(found.parts[k][0]) for k in range(self.size)]
+        return self.update(found.stamp_ns, measurement, known_input)
+
+    @property
+    def incomplete(self) -> int:
+        """Number of stamps that never got all their joints."""
+        return self._pairing.unpaired
 
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
         """Take one effort_command."""
@@ -300,12 +271,13 @@ class Mechanism(Joint):
         """Use other settings from the next sample on; the state is kept."""
         settings.check_inputs(self.plan.mechanics.inputs, f"mechanism '{self.name}'")
         super().set_settings(settings)
+        self._pairing.tolerance_ns = 1e9 * settings.pair_tolerance
 
     def reset(self) -> None:
         """Reset the observer to its start; the counters continue."""
         super().reset()
         self._acting.clear()
-        self._pending.clear()
+        self._pairing.waiting.clear()
 
     def why(self) -> str:
         """Return the meaning of the status as text."""
@@ -322,35 +294,17 @@ class Mechanism(Joint):
 
     def why_silent(self) -> str:
         """Return why samples are incomplete; '' if none is waiting."""
-        if not self._pending:
+        waiting = self._pairing.waiting
+        if not waiting:
             return ''
-        missing = sorted(
-            set(self.names)
-            - {self.names[k] for waiting in self._pending for k in waiting.positions}
-        )
+        seen = {self.names[k] for each in waiting for k in each.parts}
+        missing = sorted(set(self.names) - seen)
         if missing:
             return f'waiting for {", ".join(missing)}'
-        nearest_ns = min(
-            (
-                abs(one.stamp_ns - other.stamp_ns)
-                for one, other in combinations(self._pending, 2)
-                if one.positions.keys().isdisjoint(other.positions)
-            ),
-            default=0,
-        )
         return (
-            f'the stamps of its joints differ by at least {nearest_ns * 1e-9:g} s: increase '
-            'pair_tolerance'
+            'the stamps of its joints differ by at least '
+            f'{(self._pairing.nearest_ns or 0) * 1e-9:g} s: increase pair_tolerance'
         )
-
-
-@dataclass
-class _Partial:
-    """A sample that is still incomplete."""
-
-    stamp_ns: int
-    positions: dict[int, float] = field(default_factory=dict)  # by index of the joint
-    efforts: dict[int, float] = field(default_factory=dict)  # by index of the input
 
 
 def check_names(configuration: Configuration, names: Collection[str]) -> None:
@@ -438,18 +392,18 @@ class MechanismBank(Received):
         if not estimates:
             return None
         shown = self._shape(tuple(names), tuple(estimates))
-        samples = [(mechanism.completed, index) for mechanism, index in shown]
+        samples = [mechanism.completed.parts[index] for mechanism, index in shown]
         return taken(
             [mechanism.names[index] for mechanism, index in shown],
             [
                 each[index] if (each := estimates[mechanism.name]) is not None else None
                 for mechanism, index in shown
             ],
-            [sample.efforts.get(index, math.nan) for sample, index in samples]
-            if any(sample.efforts for sample, _ in samples)
+            [math.nan if effort is None else effort for _, effort in samples]
+            if any(effort is not None for _, effort in samples)
             else (),
             Rows(shown),
-            [sample.positions[index] for sample, index in samples],
+            [position for position, _ in samples],
         )
 
     def _shape(

@@ -1,18 +1,19 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Pair currents and voltages from two topics by their stamps."""
+"""Join what comes in several messages by stamp: joints, wheels, current and voltage."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 from estimator_pkg.observers.maths.clarke import clarke
 from estimator_pkg.observers.pmsm.drive import LARGEST_VECTOR
 
-MOST_UNPAIRED = 100  # largest number of messages of each kind that wait for their partner
+MOST_WAITING = 100  # largest number of samples that wait for their other parts
 CURRENT, VOLTAGE = 0, 1
 FORGETS = 0.999  # decay of the recent largest current, per sample
 LEAST_CURRENT = 1e-9  # smallest value of the recent largest current [A]
@@ -20,63 +21,91 @@ LEAST_CURRENT = 1e-9  # smallest value of the recent largest current [A]
 AlphaBeta = tuple[float, float]
 
 
-class PairedSample(NamedTuple):
-    """A sample: current and voltage (alpha, beta) at the stamp of the current."""
-
-    stamp_ns: int
-    sample: tuple[float, float, float, float]
-
-
-class Pairs:
-    """Pairs the messages of two topics.
-
-    Parameters
-    ----------
-    tolerance_ns : largest difference of the stamps of a pair.
+class Partial:
+    """A sample whose parts come in several messages.
 
     Attributes
     ----------
-    unpaired : number of messages without a partner.
-    nearest_ns : smallest difference of unpaired stamps since the last pair; None if there was
-        nothing to compare.
+    stamp_ns : the newest stamp of its parts. parts : their values.
     """
 
-    def __init__(self, tolerance_ns: int) -> None:
-        self._tolerance = tolerance_ns
-        self._waiting: tuple[deque, deque] = (deque(), deque())
-        self.paired = 0
-        self.unpaired = 0
+    def __init__(self, stamp_ns: int = 0) -> None:
+        self.stamp_ns = stamp_ns
+        self.parts: dict[int, Any] = {}
+
+
+class Pairing:
+    """Joins the parts of samples whose stamps differ by at most a tolerance.
+
+    Parameters
+    ----------
+    count : number of parts of a sample.
+    tolerance_ns : largest difference of the stamps of a sample; inf: the newest value of every part
+        counts, whatever its stamp.
+
+    Attributes
+    ----------
+    waiting : incomplete samples, in order of arrival.
+    paired, unpaired : number of complete samples, and of those that never got all their parts.
+    nearest_ns : smallest difference of stamps that did not join, since the last complete sample;
+        None if there was nothing to compare.
+    """
+
+    def __init__(self, count: int, tolerance_ns: float = math.inf) -> None:
+        self._count, self.tolerance_ns = count, tolerance_ns
+        self.waiting: deque[Partial] = deque()
+        self.paired = self.unpaired = 0
         self.nearest_ns: int | None = None
 
-    def put(self, kind: int, stamp_ns: int, vector: AlphaBeta) -> list[PairedSample]:
-        """Take a message of `kind`; return the completed pairs, usually one at most."""
-        queue = self._waiting[kind]
-        while queue and queue[-1][0] > stamp_ns:  # of a clock that jumped
-            queue.pop()
+    def put(self, stamp_ns: int, parts: Mapping[int, Any]) -> Partial | None:
+        """Take a message with these parts; return the sample that it completes."""
+        found = self._partner(stamp_ns, parts)
+        found.stamp_ns = max(found.stamp_ns, stamp_ns)
+        found.parts.update(parts)
+        if len(found.parts) < self._count:
+            return None
+        while self.waiting.popleft() is not found:
             self.unpaired += 1
-        queue.append((stamp_ns, vector))
-        if len(queue) > MOST_UNPAIRED:
-            queue.popleft()
-            self.unpaired += 1
-        return self._matches()
-
-    def _matches(self) -> list[PairedSample]:
-        currents, voltages = self._waiting
-        found = []
-        while currents and voltages:
-            difference = currents[0][0] - voltages[0][0]
-            if abs(difference) <= self._tolerance:
-                stamp_ns, current = currents.popleft()
-                voltage = voltages.popleft()[1]
-                found.append(PairedSample(stamp_ns, (*current, *voltage)))
-                self.paired += 1
-                self.nearest_ns = None
-                continue
-            if self.nearest_ns is None or abs(difference) < self.nearest_ns:
-                self.nearest_ns = abs(difference)
-            (voltages if difference > 0 else currents).popleft()
-            self.unpaired += 1
+        self.paired += 1
+        self.nearest_ns = None
         return found
+
+    def _partner(self, stamp_ns: int, parts: Mapping[int, Any]) -> Partial:
+        """Return the waiting sample that the parts join, a new one if there is none."""
+        for waiting in self.waiting:
+            if math.isinf(self.tolerance_ns):
+                return waiting
+            if waiting.parts.keys().isdisjoint(parts):
+                apart_ns = abs(waiting.stamp_ns - stamp_ns)
+                if apart_ns <= self.tolerance_ns:
+                    return waiting
+                self.nearest_ns = min(apart_ns, self.nearest_ns or apart_ns)
+        self.waiting.append(Partial(stamp_ns))
+        if len(self.waiting) > MOST_WAITING:
+            self.waiting.popleft()
+            self.unpaired += 1
+        return self.waiting[-1]
+
+
+class CurrentsAndVoltages(Pairing):
+    """Pairs the messages of the topics of currents and voltages."""
+
+    def __init__(self, tolerance_ns: int) -> None:
+        super().__init__(2, tolerance_ns)
+
+    def take(
+        self, kind: int, stamp_ns: int, vector: AlphaBeta
+    ) -> tuple[int, tuple[float, ...]] | None:
+        """Take a CURRENT or a VOLTAGE.
+
+        Returns (stamp of the current [ns], (i alpha, i beta, u alpha, u beta)) of the pair that it
+        completes, or None.
+        """
+        found = self.put(stamp_ns, {kind: (stamp_ns, vector)})
+        if found is None:
+            return None
+        (stamp_ns, current), (_, voltage) = found.parts[CURRENT], found.parts[VOLTAGE]
+        return stamp_ns, (*current, *voltage)
 
 
 class Phases:

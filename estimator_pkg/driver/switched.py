@@ -5,17 +5,15 @@
 
 An event takes effect at the sample nearest to its stamp, in any order of arrival: the interval
 before a sample belongs to the mode that was active in it. The first sample after a reset or a new
-start knows nothing of the events before it, which then follow it.
-
-Only the next sample shows whether the clock jumped. If it did, the newest events are judged again.
-Events of the clock before that arrive after it are refused.
+start knows nothing of the events before it, which then follow it. Events that wait when the clock
+jumps are refused.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_right, insort
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
 from operator import itemgetter
 from typing import Any
@@ -36,7 +34,7 @@ WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY, JUMPED, TOO_MANY = (
     'past',
     'out_of_order',
     'no_sample_yet',
-    'clock_jumped',  # while it waited, or on its way
+    'clock_jumped',  # while it waited
     'too_many_wait',
 )
 REFUSED = (PAST, OUT_OF_ORDER, EARLY, JUMPED, TOO_MANY)
@@ -62,10 +60,7 @@ class SwitchedJoint(Joint):
         self.event_counts: Counter[str] = Counter()
         self.refused = ''
         self._waiting: list[tuple[int, tuple]] = []  # by stamp
-        # and results, since the last used sample
-        self._newest: deque[tuple[int, tuple, str]] = deque(maxlen=STORED_EFFORTS)
         self._last_event_ns = -math.inf  # stamp of the newest that took effect
-        self._jump_ns = (0, 0)  # last stamp of the clock before, first one of this one
 
     def _reset_channel(self) -> None:
         stamp_ns = self.stamp_ns
@@ -87,17 +82,15 @@ class SwitchedJoint(Joint):
         stamp_ns : the switching instant, int nanoseconds.
         mode, v : as the model defines them.
         """
-        said, event = self._judged(stamp_ns), (mode, v)
+        said = self._judged(stamp_ns)
         self.event_counts[said] += 1
-        self._newest.append((stamp_ns, event, said))
         if said in REFUSED:
-            self._refuse(event, said)
-            return said
-        if said == WAITING:
-            insort(self._waiting, (stamp_ns, event))
+            self._refuse(mode, said)
+        elif said == WAITING:
+            insort(self._waiting, (stamp_ns, (mode, v)))
         else:
             self._last_event_ns = stamp_ns
-            self._jump([(stamp_ns, event)])
+            self._jump([(stamp_ns, (mode, v))])
         return said
 
     def _judged(self, stamp_ns: int) -> str:
@@ -105,13 +98,9 @@ class SwitchedJoint(Joint):
             return EARLY
         if stamp_ns <= self._last_event_ns:
             return OUT_OF_ORDER
-        behind, window = self.stamp_ns - stamp_ns, self.settings.reorder_window * 1e9
-        if behind > window:
+        behind = self.stamp_ns - stamp_ns
+        if behind > self.settings.reorder_window * 1e9:
             return PAST
-        last_ns, first_ns = self._jump_ns
-        jumped = last_ns - self.stamp_ns > window >= self.stamp_ns - first_ns
-        if jumped and abs(stamp_ns - last_ns) < -behind:
-            return JUMPED
         if behind >= 0 and self.running:
             half = 0.5e9 * self.mean_dt
             return APPLIED if behind <= half else LATE
@@ -131,35 +120,19 @@ class SwitchedJoint(Joint):
         elif not ran or (used and verdict in NEW_STARTS):
             self._jump(before)
         if used:
-            newest = tuple(self._newest)
-            self._newest.clear()
             back = (last_ns - stamp_ns) * 1e-9 > self.settings.reorder_window
             if verdict == AFTER_CLOCK_JUMP or (back and not ran):
-                # those that the first sample after a reset takes anyway are not taken twice
-                self._judge_again([e for e in newest if ran or e[2] in REFUSED], last_ns)
+                self._last_event_ns = -math.inf
+                for _, (mode, _) in self._waiting:
+                    self.event_counts[WAITING] -= 1
+                    self.event_counts[JUMPED] += 1
+                    self._refuse(mode, JUMPED)
+                self._waiting = []
             self._jump(self._taken(stamp_ns))
         return used
 
-    def _judge_again(self, newest: Sequence[tuple[int, tuple, str]], last_ns: int) -> None:
-        """Take the newest events by the clock that jumped from `last_ns`, if they follow it.
-
-        Events that wait for an instant of the clock before are removed.
-        """
-        waiting, self._waiting, self._last_event_ns = self._waiting, [], -math.inf
-        self._jump_ns = last_ns, self.stamp_ns
-        for stamp_ns, event, said in newest:
-            if abs(stamp_ns - self.stamp_ns) < abs(stamp_ns - last_ns):
-                self.event_counts[said] -= 1
-                self.refused = ''
-                self.event(stamp_ns, *event)
-        for _, event in waiting:
-            self.event_counts[WAITING] -= 1
-            self.event_counts[JUMPED] += 1
-            self._refuse(event, JUMPED)
-        self.event_counts = +self.event_counts  # without zeros
-
-    def _refuse(self, event: tuple, why: str) -> None:
-        self.refused = f"the event '{event[0]}' is not used: {why.replace('_', ' ')}"
+    def _refuse(self, mode: str, why: str) -> None:
+        self.refused = f"the event '{mode}' is not used: {why.replace('_', ' ')}"
 
     def reset(self) -> None:
         """Reset the observer; waiting events are removed."""

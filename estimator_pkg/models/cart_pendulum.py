@@ -6,8 +6,8 @@
     M = [[J, B cos q1], [B cos q1, m]],  V = Gv cos q1,  G = [0, 1],  C v = [0, -B sin(q1) v1^2]
 
 Section 5.1 of the paper uses it normalised (J = m = 1), section 6 with the parameters of a
-laboratory set-up (equation (24); its potential is printed without g). Psi = calM is the lower
-Cholesky factor of M^-1.
+laboratory set-up (equation (24); its potential is printed without g). Psi is the lower Cholesky
+factor of M^-1.
 """
 
 from __future__ import annotations
@@ -17,9 +17,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.friction import asymmetric, coulomb, viscous
-from estimator_pkg.models.mechanics import TURN, Array, Model, matrix, vector
-from estimator_pkg.parameters import structural
+from estimator_pkg.models.mechanics import (
+    POSITIVE,
+    TURN,
+    Array,
+    Model,
+    matrix,
+    number,
+    sign_width,
+    smooth_sign,
+    vector,
+)
 
 GRAVITY = 9.81  # m/s^2
 
@@ -33,57 +41,40 @@ class Parameters:
     actuated = (1,)
     reach = (np.pi, 1.0)
 
-    pendulum_inertia: float = structural(
-        0.0484,
-        unit='kg m^2',
-        range=(1e-9, 1e6),
-        equation='J = J_f',
-        description='inertia of the pendulum about its pivot',
+    pendulum_inertia: float = number(
+        0.0484, 'kg m^2', 'inertia of the pendulum about its pivot', POSITIVE, equation='J = J_f'
     )
-    pendulum_moment: float = structural(
+    pendulum_moment: float = number(
         0.105,
-        unit='kg m',
-        range=(0.0, 1e6),
+        'kg m',
+        'mass of the pendulum times the distance of its centre from the pivot',
         equation='B = l_m m_p',
-        description='mass of the pendulum times the distance of its centre from the pivot',
     )
-    moving_mass: float = structural(
-        1.15,
-        unit='kg',
-        range=(1e-9, 1e6),
-        equation='m = M_c + m_p',
-        description='mass of cart and pendulum',
+    moving_mass: float = number(
+        1.15, 'kg', 'mass of cart and pendulum', POSITIVE, equation='m = M_c + m_p'
     )
-    gravity: float | None = structural(
+    gravity: float | None = number(
         None,
-        unit='N m',
-        range=(0.0, 1e7),
+        'N m',
+        'largest torque of gravity on the pendulum; automatic: 9.81 m/s^2 times the moment',
         equation='Gv = g l_m m_p',
-        description='largest torque of gravity on the pendulum; automatic: 9.81 m/s^2 times '
-        'the moment',
     )
-    force_constant: float = structural(
+    force_constant: float = number(
         1.0,
-        unit='N/A',
-        range=(-1e6, 1e6),
-        description='force on the cart per unit of the input (9.27 N/A in section 6); 1 if the '
-        'input is the force',
+        'N/A',
+        'force on the cart per unit of the input (9.27 N/A in section 6); 1 if the input is the '
+        'force',
+        -1e6,
     )
-    friction_forward: float = coulomb(
-        of='Coulomb friction of the cart moving forward (3.98 N in section 6)', unit='N'
+    friction_forward: float = number(
+        0.0, 'N', 'Coulomb friction of the cart moving forward (3.98 N in section 6)'
     )
-    friction_backward: float = coulomb(
-        of='Coulomb friction of the cart moving backward (2.87 N in section 6)', unit='N'
+    friction_backward: float = number(
+        0.0, 'N', 'Coulomb friction of the cart moving backward (2.87 N in section 6)'
     )
-    friction_speed: float = structural(
-        0.0,
-        unit='m/s',
-        range=(0.0, 100.0),
-        advanced=True,
-        description='width of the smoothed sign of the friction, tanh(v / width); 0: a plain sign',
-    )
-    pendulum_damping: float = viscous(of=' in the pivot')
-    cart_damping: float = viscous(of=' of the cart', unit='N s/m')
+    friction_speed: float = sign_width(0.0, 'm/s')
+    pendulum_damping: float = number(0.0, 'N m s/rad', 'viscous friction in the pivot')
+    cart_damping: float = number(0.0, 'N s/m', 'viscous friction of the cart')
 
     def __post_init__(self) -> None:
         """Check that M is positive definite at every angle; raise UsageError."""
@@ -94,45 +85,33 @@ class Parameters:
                 f'{self.pendulum_moment**2:g}: the mass matrix is not positive definite'
             )
 
-    @property
-    def damped(self) -> bool:
-        """True if D is not zero."""
-        return self.pendulum_damping > 0.0 or self.cart_damping > 0.0
-
-    @property
-    def dry(self) -> bool:
-        """True if the cart has Coulomb friction."""
-        return self.friction_forward > 0.0 or self.friction_backward > 0.0
-
     def inertia(self, q: Array) -> Array:
         """Return M."""
         coupling = self.pendulum_moment * np.cos(q[..., 0])
         return matrix((self.pendulum_inertia, coupling), (coupling, self.moving_mass))
 
-    def factors(self, q: Array) -> tuple[Array, Array]:
-        """Return calM and Psi, which are the same here."""
-        mass, coupling = self.moving_mass, self.pendulum_moment * np.cos(q[..., 0])
-        rest = np.sqrt(mass / (self.pendulum_inertia * mass - coupling * coupling))
-        psi = matrix((rest, 0.0), (-coupling * rest / mass, np.sqrt(1.0 / mass)))
-        return psi, psi
-
-    def force(self, q: Array, v: Array, u: Array) -> Array:
-        """Return gravity on the pendulum [N m]; motor and Coulomb friction on the cart [N]."""
-        largest = GRAVITY * self.pendulum_moment if self.gravity is None else self.gravity
-        on_cart = self.force_constant * u[..., 0]
-        if self.dry:
-            levels = self.friction_forward, self.friction_backward
-            on_cart = on_cart - asymmetric(v[..., 1], *levels, self.friction_speed)
-        return vector(largest * np.sin(q[..., 0]), on_cart)
-
     def coriolis(self, q: Array, v: Array) -> Array:
         """Return C v."""
-        turning = v[..., 0]
-        return vector(0.0, -self.pendulum_moment * np.sin(q[..., 0]) * turning * turning)
+        return vector(0.0, -self.pendulum_moment * np.sin(q[..., 0]) * v[..., 0] ** 2)
+
+    def gradient(self, q: Array) -> Array:
+        """Return dV/dq [N m, N]."""
+        largest = GRAVITY * self.pendulum_moment if self.gravity is None else self.gravity
+        return vector(-largest * np.sin(q[..., 0]), 0.0)
+
+    def inputs(self, q: Array) -> Array:
+        """Return G."""
+        return np.array([[0.0], [self.force_constant]])
 
     def damping(self, q: Array) -> Array:
         """Return D."""
         return np.diag((self.pendulum_damping, self.cart_damping))
+
+    def friction(self, v: Array) -> Array:
+        """Return F: Coulomb friction of the cart, with a level per direction [N]."""
+        speed = v[..., 1]
+        level = np.where(speed >= 0.0, self.friction_forward, self.friction_backward)
+        return vector(0.0, level * smooth_sign(speed, self.friction_speed))
 
 
 MODEL = Model(
@@ -140,13 +119,5 @@ MODEL = Model(
     parameters=Parameters,
     summary='a pendulum on a driven cart, with asymmetric friction',
     reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), sections 5.1 and 6, equation (24)',
-    identified=(
-        'pendulum_inertia',
-        'pendulum_moment',
-        'moving_mass',
-        'friction_forward',
-        'friction_backward',
-        'pendulum_damping',
-        'cart_damping',
-    ),
+    known=('gravity', 'force_constant', 'friction_speed'),
 )

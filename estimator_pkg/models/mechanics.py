@@ -25,18 +25,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.parameters import declared
+from estimator_pkg.parameters import declared, structural
 
 Array = NDArray[np.float64]
 
 TURN = 2.0 * np.pi
-DERIVATIVE_STEP = 1e-6  # step of the Christoffel symbols, for a model without Coriolis forces
+POSITIVE = 1e-9  # least value of a parameter that must not be 0
+DIFFERENCE = 1e-5  # step of the central differences, over the reach of a position
 NEEDED = ('joints', 'inertia', 'gradient', 'inputs')
-FORCES = ('joints', 'inertia', 'force')
 
 
 def apply(matrix: Array, x: Array) -> Array:
-    """Return A x of the last axes, shape (..., n), for A of shape (..., n, n)."""
+    """Return A x of the last axes, shape (..., n), for A of shape (..., n, m)."""
     product: Array = (matrix @ x[..., None])[..., 0]
     return product
 
@@ -48,13 +48,9 @@ def transposed(matrix: Array) -> Array:
 
 def vector(*entries: Any) -> Array:
     """Return the vector of these entries: numbers, or arrays of one shape."""
-    arrays = [each for each in entries if getattr(each, 'ndim', 0)]
-    if not arrays:
+    if not any(getattr(each, 'ndim', 0) for each in entries):  # quicker
         return np.array(entries, float)
-    found = np.empty((*arrays[0].shape, len(entries)))
-    for k, entry in enumerate(entries):
-        found[..., k] = entry
-    return found
+    return np.stack(np.broadcast_arrays(*entries), axis=-1)
 
 
 def matrix(*rows: tuple[Any, ...]) -> Array:
@@ -82,8 +78,8 @@ class Mechanics:
     actuated : for each input, which position's effort it is (index into `joints`).
     centre, reach : the configurations in which the model is checked: each position within
         centre +- reach; the centre is the default operating point.
-    linearisable : it has `factors`.
-    damped : it has damping. dry : its forces depend on the velocities.
+    linearisable : it has a Psi.
+    damped : it has viscous friction. dry : it has Coulomb friction.
     trusted : it was checked: NaN takes the place of every failure of the model's code.
     complaint : the last such failure, or ''.
 
@@ -93,15 +89,15 @@ class Mechanics:
     """
 
     def __init__(self, model: Any, name: str) -> None:
-        needed = FORCES if hasattr(model, 'force') else NEEDED
-        missing = [each for each in needed if not hasattr(model, each)]
+        missing = [each for each in NEEDED if not hasattr(model, each)]
         if missing:
             raise UserError(
-                f"model '{name}' has no {missing[0]}: it must define {', '.join(needed)}"
+                f"model '{name}' has no {missing[0]}: it must define {', '.join(NEEDED)}"
             )
         if isinstance(model.joints, str) or not isinstance(model.joints, Iterable):
             raise UserError(f"model '{name}': joints must be a list of names, not {model.joints!r}")
         self.name, self.model, self.ours = name, model, ':' not in name
+        self.trusted, self.complaint = False, ''
         self.joints = tuple(str(joint) for joint in model.joints)
         n = self.degrees = len(self.joints)
         if not n:
@@ -113,11 +109,12 @@ class Mechanics:
         self.periods = self._numbers('periods', TURN)
         self.centre = self._numbers('centre', 0.0)
         self.reach = self._numbers('reach', 1.0)
-        self.damped = getattr(model, 'damped', hasattr(model, 'damping'))
-        self.dry = getattr(model, 'dry', hasattr(model, 'friction'))
-        self.linearisable = hasattr(model, 'psi') or hasattr(model, 'factors')
-        self.trusted, self.complaint = False, ''
-        self._of_coriolis = getattr(model, 'coriolis', self._christoffel)
+        self.linearisable = hasattr(model, 'psi')  # or `check` finds that it is
+        one = np.ones(n)
+        self.damped = hasattr(model, 'damping') and (not self.ours or bool(self.damping(one).any()))
+        self.dry = hasattr(model, 'friction') and (
+            not self.ours or bool(np.any([model.friction(one), model.friction(-one)]))
+        )
 
     def _numbers(self, name: str, usual: float) -> tuple[float, ...]:
         provided = np.atleast_1d(getattr(self.model, name, (usual,) * self.degrees))
@@ -129,35 +126,44 @@ class Mechanics:
 
     def inertia(self, q: Array) -> Array:
         """Return M, shape (n, n)."""
-        return self._called('inertia', self.model.inertia, 2, q)
+        return self._called('inertia', 'nn', self.model.inertia, q)
 
     def coriolis(self, q: Array, v: Array) -> Array:
         """Return C v, shape (n,)."""
-        return self._called('coriolis', self._of_coriolis, 1, q, v)
+        return self._called(
+            'coriolis', 'n', getattr(self.model, 'coriolis', self.christoffel), q, v
+        )
+
+    def christoffel(self, q: Array, v: Array) -> Array:
+        """Return C v = (dM/dt) v - d/dq (v^T M v / 2), shape (n,), by central differences of M."""
+        slopes = self.slopes(self.inertia, q)
+        return np.tensordot(v, slopes, 1) @ v - 0.5 * (slopes @ v) @ v
 
     def damping(self, q: Array) -> Array:
         """Return D, shape (n, n); zero if there is none."""
-        if not self.damped:
+        if not hasattr(self.model, 'damping'):
             return np.zeros((*q.shape, self.degrees))
-        return self._called('damping', self.model.damping, 2, q)
+        return self._called('damping', 'nn', self.model.damping, q)
 
     def force(self, q: Array, v: Array, u: Array) -> Array:
         """Return G u - dV/dq - F(v), shape (n,)."""
-        return self._called('force', getattr(self.model, 'force', self._force), 1, q, v, u)
+        driven = apply(self._called('inputs', 'nm', self.model.inputs, q), u)
+        total = driven - self._called('gradient', 'n', self.model.gradient, q)
+        return total - self._called('friction', 'n', self.model.friction, v) if self.dry else total
 
     def factors(self, q: Array) -> tuple[Array, Array]:
-        """Return (calM, Psi), shape (n, n) each."""
-        model = self.model
-        if hasattr(model, 'factors'):
-            calm, psi = self._called('factors', model.factors, 2, q, count=2)
-            return calm, psi
-        if not hasattr(model, 'psi'):  # often right; `check.partially_linear` finds out
-            psi = self._called('Psi', lambda q: np.linalg.cholesky(_inverse(self.inertia(q))), 2, q)
+        """Return (calM, Psi), shape (n, n) each.
+
+        A model without Psi gets the lower Cholesky factor of M^-1, which often is one;
+        `check.linear_residual` finds out.
+        """
+        if not hasattr(self.model, 'psi'):
+            psi = self._called(
+                'psi', 'nn', lambda q: np.linalg.cholesky(np.linalg.inv(self.inertia(q))), q
+            )
             return psi, psi
-        psi = self._called('Psi', model.psi, 2, q)
-        if hasattr(model, 'calm'):
-            return self._called('calM', model.calm, 2, q), psi
-        return self._called('calM', lambda q: _inverse(psi.T @ self.inertia(q)), 2, q), psi
+        psi = self._called('psi', 'nn', self.model.psi, q)
+        return solved(transposed(psi) @ self.inertia(q), np.eye(self.degrees)), psi
 
     def admits(self, q: Array) -> bool:
         """Return False where the model must not be used, or cannot be."""
@@ -166,7 +172,7 @@ class Mechanics:
         try:
             return bool(np.all(self.model.admits(q)))
         except Exception as error:  # a user's code may fail in any way
-            self._fail(error)
+            self._fail('admits', q, error)
             return False
 
     def acceleration(self, q: Array, v: Array, u: Array) -> Array:
@@ -176,57 +182,51 @@ class Mechanics:
             force = force - apply(self.damping(q), v)
         return solved(self.inertia(q), force[..., None])[..., 0]
 
-    def _force(self, q: Array, v: Array, u: Array) -> Array:
-        model = self.model
-        total: Array = np.asarray(model.inputs(q), float) @ u - model.gradient(q)
-        return total - model.friction(v) if self.dry else total
+    def slopes(self, function: Callable[[Array], Array], q: Array) -> Array:
+        """Return the derivatives of `function` by each position, shape (n, ...), at one q."""
+        steps = np.diag(DIFFERENCE * np.maximum(self.reach, 1e-6))
+        return np.array([(function(q + h) - function(q - h)) / (2.0 * h.sum()) for h in steps])
 
-    def _christoffel(self, q: Array, v: Array) -> Array:
-        """Return C v from the mass matrix by central differences."""
-        turning, energy = np.zeros((self.degrees, self.degrees)), np.zeros(self.degrees)
-        for index, step in enumerate(DERIVATIVE_STEP * np.eye(self.degrees)):
-            slope = (self.inertia(q + step) - self.inertia(q - step)) / (2.0 * DERIVATIVE_STEP)
-            turning += v[index] * slope
-            energy[index] = 0.5 * v @ slope @ v
-        return turning @ v - energy
+    def _called(self, name: str, axes: str, function: Callable[..., Any], *at: Array) -> Array:
+        """Return what a method of the model gives, as an array with these last axes ('nm': n, m).
 
-    def _called(
-        self, name: str, function: Callable[..., Any], axes: int, *given: Array, count: int = 0
-    ) -> Array:
-        """Return what a method of the model gives, as an array; raise UserError for its shape."""
-        if given[0].ndim > 1 and not self.ours:
-            rows = [self._called(name, function, axes, *row, count=count) for row in zip(*given)]
-            return np.stack(rows, axis=1 if count else 0)
-        wanted = given[0].shape + given[0].shape[-1:] * (axes - 1)
-        wanted = (count, *wanted) if count else wanted
+        Raises
+        ------
+        UserError : it fails or has another shape, and the model is not yet trusted.
+        """
+        if at[0].ndim > 1 and not self.ours:
+            return np.array([self._called(name, axes, function, *row) for row in zip(*at)])
+        sizes = {'n': self.degrees, 'm': self.inputs}
+        wanted = (*at[0].shape[:-1], *(sizes[axis] for axis in axes))
         try:
-            found: Array = np.asarray(function(*given), float)
-            if found.shape != wanted and given[0].ndim > 1:
-                found = np.broadcast_to(found, wanted)
-            elif found.shape != wanted and found.size == np.prod(wanted):
-                found = found.reshape(wanted)
+            found: Array = np.asarray(function(*at), float)
+            if found.shape == wanted:
+                return found
+            if at[0].ndim > 1:
+                return np.broadcast_to(found, wanted)
+            if _long(found.shape) == _long(wanted):
+                return found.reshape(wanted)
+            raise ValueError(f'it has dimensions {found.shape}, not {wanted}')
         except Exception as error:  # a user's code may fail in any way
-            self._fail(error)
+            self._fail(name, at[0], error)
             return np.full(wanted, np.nan)
-        if found.shape != wanted:
-            self._fail(
-                UserError(
-                    f"model '{self.name}' of {self.degrees} joints and {self.inputs} inputs: "
-                    f'{name} has dimensions {found.shape}, not {wanted}'
-                )
-            )
-            return np.full(wanted, np.nan)
-        return found
 
-    def _fail(self, error: Exception) -> None:
-        if not self.trusted:
-            raise error
+    def _fail(self, name: str, at: Array, error: Exception) -> None:
         self.complaint = f'{type(error).__name__}: {error}'
+        if not self.trusted:
+            raise UserError(
+                f"model '{self.name}': {name} fails at {text(at)}: {self.complaint}"
+            ) from error
 
 
-def _inverse(found: Any) -> Array:
-    inverse: Array = np.linalg.inv(found)
-    return inverse
+def _long(shape: tuple[int, ...]) -> list[int]:
+    """Return the axes that are longer than 1: a column may be returned as a list."""
+    return [size for size in shape if size > 1]
+
+
+def text(values: Array) -> str:
+    """Return a vector as text."""
+    return '(' + ', '.join(f'{value:.4g}' for value in values) + ')'
 
 
 def solved(inertia: Array, right: Array) -> Array:
@@ -235,6 +235,33 @@ def solved(inertia: Array, right: Array) -> Array:
         return np.asarray(np.linalg.solve(inertia, right), float)
     except np.linalg.LinAlgError:
         return np.full(np.broadcast_shapes(inertia.shape[:-1] + (1,), right.shape), np.nan)
+
+
+def number(
+    default: float | None, unit: str, description: str, least: float = 0.0, **declaration: Any
+) -> Any:
+    """Return the declaration of a model's parameter, from `least` to 1e6.
+
+    `declaration` has what else `estimator_pkg.parameters.structural` takes.
+    """
+    return structural(
+        default, unit=unit, range=(least, 1e6), description=description, **declaration
+    )
+
+
+def smooth_sign(v: Any, width: float) -> Any:
+    """Return tanh(v / width), the sign in Coulomb friction; for width 0 the sign of v."""
+    return np.tanh(v / width) if width > 0.0 else np.sign(v)
+
+
+def sign_width(default: float, unit: str) -> Any:
+    """Return the declaration of the width of `smooth_sign`."""
+    return number(
+        default,
+        unit,
+        'width of the smoothed sign of the Coulomb friction, tanh(v / width); 0: a plain sign',
+        advanced=True,
+    )
 
 
 @dataclass(frozen=True)
@@ -249,20 +276,25 @@ class Model:
         has the methods of the model (see docs/known_inputs.md), for arrays of shape (..., n).
     form : (parameters) -> the object with the methods, where their names are those of numbers.
     reference : source of the equations.
-    identified : names of the parameters that a recording of positions and inputs determines; the
-        others must be known, or only their product with one of these is identifiable.
+    known : names of the parameters that a recording of positions and inputs does not determine, or
+        only as a product with one of the others.
     """
 
     name: str
     summary: str
     parameters: type
     reference: str = ''
-    identified: tuple[str, ...] = ()
+    known: tuple[str, ...] = ()
     form: Callable[[Any], Any] | None = None
 
     def build(self, parameters: Any) -> Mechanics:
         """Return the model with these numbers."""
         return Mechanics(self.form(parameters) if self.form else parameters, self.name)
+
+    @property
+    def identified(self) -> tuple[str, ...]:
+        """Names of the parameters that `identify` finds."""
+        return tuple(name for name in declared(self.parameters) if name not in self.known)
 
 
 def assignments_of(model: Model, parameters: Any) -> tuple[str, ...]:

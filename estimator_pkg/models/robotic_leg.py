@@ -5,8 +5,8 @@
 
     M = diag(m1, m1 r^2, m2),  V = 0,  G = [[1, 0], [0, -1], [0, 1]]
 
-Psi and calM are the paper's own. They are singular at sin th = 0 (and r = 0), so the model must not
-be used there. The first two momenta are kappa times the angular momentum plus p_y, and p_y: both
+Psi is the paper's own. It is singular at sin th = 0 (and r = 0), so the model must not be used
+there. The first two momenta are kappa times the angular momentum plus p_y, and p_y: both
 are conserved without input.
 """
 
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator_pkg.models.mechanics import TURN, Array, Model, matrix, vector
+from estimator_pkg.models.mechanics import POSITIVE, TURN, Array, Model, matrix, number, vector
 from estimator_pkg.parameters import structural
 
 
@@ -30,17 +30,10 @@ class Parameters:
     centre = (2.2, 1.8, 0.4)
     reach = (1.0, 1.0, np.pi)
 
-    foot_mass: float = structural(
-        4.5, unit='kg', range=(1e-9, 1e6), equation='m1', description='mass at the end of the leg'
-    )
-    body_inertia: float = structural(
-        1.7, unit='kg m^2', range=(1e-9, 1e6), equation='m2', description='inertia of the body'
-    )
-    kappa: float = structural(
-        5.0,
-        unit='1/m',
-        range=(1e-6, 1e6),
-        description='constant of the paper in Psi; any value above 0 is admissible',
+    foot_mass: float = number(4.5, 'kg', 'mass at the end of the leg', POSITIVE, equation='m1')
+    body_inertia: float = number(1.7, 'kg m^2', 'inertia of the body', POSITIVE, equation='m2')
+    kappa: float = number(
+        5.0, '1/m', 'constant of the paper in Psi; any value above 0 is admissible', POSITIVE
     )
     margin: float = structural(
         0.02, range=(1e-9, 0.5), description='the model is not used where |sin th| is below this'
@@ -53,26 +46,23 @@ class Parameters:
             (self.foot_mass, 0.0, 0.0), (0.0, turning, 0.0), (0.0, 0.0, self.body_inertia)
         )
 
-    def factors(self, q: Array) -> tuple[Array, Array]:
-        """Return calM and Psi."""
-        r, s, c = q[..., 0], np.sin(q[..., 1]), np.cos(q[..., 1])
-        kappa, km = self.kappa, self.kappa * self.foot_mass
-        turning = 1.0 / (km * r * r)
-        calm = matrix(
-            (-c / (s * km * r), (c + kappa * r) / (km * s * r), 0.0),
-            (turning, -turning, 0.0),
-            (0.0, 0.0, 1.0 / self.body_inertia),
-        )
-        return calm, matrix((s, s, 0.0), (c / r + kappa, c / r, 0.0), (0.0, 0.0, 1.0))
-
-    def force(self, q: Array, v: Array, u: Array) -> Array:
-        """Return G u."""
-        return vector(u[..., 0], -u[..., 1], u[..., 1])
-
     def coriolis(self, q: Array, v: Array) -> Array:
         """Return C v."""
         moment, turning = self.foot_mass * q[..., 0], v[..., 1]
         return vector(-moment * turning * turning, 2.0 * moment * v[..., 0] * turning, 0.0)
+
+    def gradient(self, q: Array) -> Array:
+        """Return dV/dq."""
+        return np.zeros(3)
+
+    def inputs(self, q: Array) -> Array:
+        """Return G."""
+        return np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
+
+    def psi(self, q: Array) -> Array:
+        """Return Psi."""
+        r, s, c = q[..., 0], np.sin(q[..., 1]), np.cos(q[..., 1])
+        return matrix((s, s, 0.0), (c / r + self.kappa, c / r, 0.0), (0.0, 0.0, 1.0))
 
     def admits(self, q: Array) -> bool:
         """Return False near sin th = 0 and r = 0."""
@@ -85,5 +75,5 @@ MODEL = Model(
     parameters=Parameters,
     summary="the paper's robotic leg: radius, angle of the leg, angle of the body",
     reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), section 5.2',
-    identified=('foot_mass', 'body_inertia'),
+    known=('kappa', 'margin'),
 )

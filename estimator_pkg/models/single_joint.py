@@ -15,8 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator_pkg.models.friction import coulomb, sign_width, smooth_sign, viscous
-from estimator_pkg.models.mechanics import TURN, Array, Model, matrix
+from estimator_pkg.models.mechanics import (
+    POSITIVE,
+    TURN,
+    Array,
+    Model,
+    number,
+    sign_width,
+    smooth_sign,
+)
 from estimator_pkg.parameters import structural
 
 
@@ -24,21 +31,21 @@ from estimator_pkg.parameters import structural
 class Parameters:
     """The parameters of a single joint."""
 
-    inertia: float = structural(
+    inertia: float = number(
         0.1,
-        unit='kg m^2',
-        range=(1e-9, 1e6),
-        description='inertia about the axis, with motor and gear (for a slide: mass in kg)',
+        'kg m^2',
+        'inertia about the axis, with motor and gear (for a slide: mass in kg)',
+        POSITIVE,
     )
-    damping: float = viscous()
-    coulomb: float = coulomb()
-    coulomb_speed: float = sign_width()
-    gravity: float = structural(
+    damping: float = number(0.0, 'N m s/rad', 'viscous friction')
+    coulomb: float = number(0.0, 'N m', 'Coulomb friction')
+    coulomb_speed: float = sign_width(0.02, 'rad/s')
+    gravity: float = number(
         0.0,
-        unit='N m',
-        range=(-1e6, 1e6),
-        description='largest torque of gravity: mass times g times lever arm; positive if the '
-        'joint hangs at the angle `hanging`',
+        'N m',
+        'largest torque of gravity: mass times g times lever arm; positive if the joint hangs at '
+        'the angle `hanging`',
+        -1e6,
     )
     hanging: float = structural(
         0.0,
@@ -46,28 +53,25 @@ class Parameters:
         range=(-10.0, 10.0),
         description='angle at which the joint hangs down and gravity exerts no torque',
     )
-    bias: float = structural(
+    bias: float = number(
         0.0,
-        unit='N m',
-        range=(-1e6, 1e6),
-        description='constant torque against the joint (offset of the torque sensor, a spring)',
+        'N m',
+        'constant torque against the joint (offset of the torque sensor, a spring)',
+        -1e6,
     )
-    torque_constant: float = structural(
+    torque_constant: float = number(
         1.0,
-        unit='N m/A',
-        range=(-1e6, 1e6),
-        description='torque of the motor per unit of the input; 1 if the input is the torque',
+        'N m/A',
+        'torque of the motor per unit of the input; 1 if the input is the torque',
+        -1e6,
     )
     gear_ratio: float = structural(
         1.0,
         range=(-1e5, 1e5),
         description='turns of the motor per turn of the joint; 1 if the input is at the joint',
     )
-    period: float = structural(
-        TURN,
-        unit='rad',
-        range=(0.0, 1e6),
-        description='period after which the reading repeats; 0 for a slide or a multi-turn encoder',
+    period: float = number(
+        TURN, 'rad', 'period after which the reading repeats; 0 for a slide or a multi-turn encoder'
     )
 
 
@@ -80,34 +84,35 @@ class SingleJoint:
     def __init__(self, parameters: Parameters) -> None:
         self.numbers = parameters
         self.periods, self.centre = (parameters.period,), (parameters.hanging,)
-        self.dry = parameters.coulomb > 0.0
 
     def inertia(self, q: Array) -> Array:
         """Return M."""
         return np.array([[self.numbers.inertia]])
 
-    def factors(self, q: Array) -> tuple[Array, Array]:
-        """Return calM = 1/J and Psi = 1."""
-        one = matrix((np.ones(q.shape[:-1]),))
-        return one / self.numbers.inertia, one
-
-    def force(self, q: Array, v: Array, u: Array) -> Array:
-        """Return all torques except the viscous one [N m]."""
-        p = self.numbers
-        return (
-            p.gear_ratio * p.torque_constant * u
-            - p.gravity * np.sin(q - p.hanging)
-            - p.bias
-            - p.coulomb * smooth_sign(v, p.coulomb_speed)
-        )
-
     def coriolis(self, q: Array, v: Array) -> Array:
         """Return zero: a single joint has no Coriolis force."""
         return np.zeros(1)
 
+    def gradient(self, q: Array) -> Array:
+        """Return the torques of gravity and of the bias [N m]."""
+        p = self.numbers
+        return np.asarray(p.gravity * np.sin(q - p.hanging) + p.bias)
+
+    def inputs(self, q: Array) -> Array:
+        """Return G."""
+        return np.array([[self.numbers.gear_ratio * self.numbers.torque_constant]])
+
     def damping(self, q: Array) -> Array:
         """Return D."""
         return np.array([[self.numbers.damping]])
+
+    def friction(self, v: Array) -> Array:
+        """Return F: Coulomb friction [N m]."""
+        return np.asarray(self.numbers.coulomb * smooth_sign(v, self.numbers.coulomb_speed))
+
+    def psi(self, q: Array) -> Array:
+        """Return Psi = 1."""
+        return np.ones((1, 1))
 
 
 MODEL = Model(
@@ -115,5 +120,5 @@ MODEL = Model(
     parameters=Parameters,
     form=SingleJoint,
     summary='one joint with its motor: inertia, friction, gravity, torque constant, gear ratio',
-    identified=('inertia', 'damping', 'coulomb', 'gravity', 'hanging', 'bias'),
+    known=('coulomb_speed', 'torque_constant', 'gear_ratio', 'period'),
 )

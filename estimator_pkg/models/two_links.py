@@ -18,9 +18,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.friction import coulomb, sign_width, smooth_sign, viscous
-from estimator_pkg.models.mechanics import Array, Model, matrix, vector
-from estimator_pkg.parameters import structural
+from estimator_pkg.models.mechanics import (
+    POSITIVE,
+    Array,
+    Model,
+    matrix,
+    number,
+    sign_width,
+    smooth_sign,
+    vector,
+)
 
 
 @dataclass(frozen=True)
@@ -29,51 +36,38 @@ class Parameters:
 
     joints = ('shoulder', 'elbow')
     reach = (np.pi, np.pi)
-    dry = True
 
-    shoulder_inertia: float = structural(
+    shoulder_inertia: float = number(
         0.15,
-        unit='kg m^2',
-        range=(1e-9, 1e6),
+        'kg m^2',
+        'inertia of the upper link about the shoulder, with the mass of the lower one at the elbow',
+        POSITIVE,
         equation='a = I1 + m2 l1^2',
-        description='inertia of the upper link about the shoulder, with the mass of the lower one '
-        'at the elbow',
     )
-    elbow_inertia: float = structural(
-        0.04,
-        unit='kg m^2',
-        range=(1e-9, 1e6),
-        equation='b = I2',
-        description='inertia of the lower link about the elbow',
+    elbow_inertia: float = number(
+        0.04, 'kg m^2', 'inertia of the lower link about the elbow', POSITIVE, equation='b = I2'
     )
-    coupling: float = structural(
+    coupling: float = number(
         0.04,
-        unit='kg m^2',
-        range=(0.0, 1e6),
+        'kg m^2',
+        'mass of the lower link times the length of the upper one and the distance of its own '
+        'centre from the elbow',
         equation='k = m2 l1 r2',
-        description='mass of the lower link times the length of the upper one and the distance of '
-        'its own centre from the elbow',
     )
-    shoulder_gravity: float = structural(
+    shoulder_gravity: float = number(
         2.5,
-        unit='N m',
-        range=(0.0, 1e6),
+        'N m',
+        'largest torque of gravity on the shoulder by the upper link and the mass at its end',
         equation='ga = g (m1 r1 + m2 l1)',
-        description='largest torque of gravity on the shoulder by the upper link and the mass at '
-        'its end',
     )
-    elbow_gravity: float = structural(
-        1.0,
-        unit='N m',
-        range=(0.0, 1e6),
-        equation='gb = g m2 r2',
-        description='largest torque of gravity on the elbow',
+    elbow_gravity: float = number(
+        1.0, 'N m', 'largest torque of gravity on the elbow', equation='gb = g m2 r2'
     )
-    shoulder_damping: float = viscous(0.01)
-    elbow_damping: float = viscous(0.01)
-    shoulder_coulomb: float = coulomb(0.05)
-    elbow_coulomb: float = coulomb(0.05)
-    coulomb_speed: float = sign_width()
+    shoulder_damping: float = number(0.01, 'N m s/rad', 'viscous friction')
+    elbow_damping: float = number(0.01, 'N m s/rad', 'viscous friction')
+    shoulder_coulomb: float = number(0.05, 'N m', 'Coulomb friction')
+    elbow_coulomb: float = number(0.05, 'N m', 'Coulomb friction')
+    coulomb_speed: float = sign_width(0.02, 'rad/s')
 
     def __post_init__(self) -> None:
         """Check that M is positive definite at every angle; raise UsageError."""
@@ -91,39 +85,33 @@ class Parameters:
         whole = self.shoulder_inertia + self.elbow_inertia + 2.0 * coupling
         return matrix((whole, other), (other, self.elbow_inertia))
 
-    def force(self, q: Array, v: Array, u: Array) -> Array:
-        """Return motors, gravity and Coulomb friction [N m]."""
-        lower = self.elbow_gravity * np.sin(q[..., 0] + q[..., 1])
-        upper = self.shoulder_gravity * np.sin(q[..., 0])
-        signs = smooth_sign(v, self.coulomb_speed)
-        return vector(
-            u[..., 0] - upper - lower - self.shoulder_coulomb * signs[..., 0],
-            u[..., 1] - lower - self.elbow_coulomb * signs[..., 1],
-        )
-
     def coriolis(self, q: Array, v: Array) -> Array:
         """Return C v."""
         h, first, second = self.coupling * np.sin(q[..., 1]), v[..., 0], v[..., 1]
         return vector(-h * second * (2.0 * first + second), h * first * first)
 
+    def gradient(self, q: Array) -> Array:
+        """Return dV/dq [N m]."""
+        lower = self.elbow_gravity * np.sin(q[..., 0] + q[..., 1])
+        return vector(self.shoulder_gravity * np.sin(q[..., 0]) + lower, lower)
+
+    def inputs(self, q: Array) -> Array:
+        """Return G."""
+        return np.eye(2)
+
     def damping(self, q: Array) -> Array:
         """Return D."""
         return np.diag((self.shoulder_damping, self.elbow_damping))
+
+    def friction(self, v: Array) -> Array:
+        """Return F: Coulomb friction [N m]."""
+        levels = np.array((self.shoulder_coulomb, self.elbow_coulomb))
+        return np.asarray(levels * smooth_sign(v, self.coulomb_speed))
 
 
 MODEL = Model(
     name='two_links',
     parameters=Parameters,
     summary='two links in a vertical plane with a motor in each joint, for hgo, ehgo and smo',
-    identified=(
-        'shoulder_inertia',
-        'elbow_inertia',
-        'coupling',
-        'shoulder_gravity',
-        'elbow_gravity',
-        'shoulder_damping',
-        'elbow_damping',
-        'shoulder_coulomb',
-        'elbow_coulomb',
-    ),
+    known=('coulomb_speed',),
 )

@@ -17,7 +17,7 @@ from estimator_pkg.driver.bank import Rows, taken
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.drive import DriveEstimates, DriveJoint
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, AlphaBeta, Pairs, Phases
+from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, AlphaBeta, CurrentsAndVoltages, Phases
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.observers.contract import Observer
@@ -151,7 +151,7 @@ class DriveStream(Stream):
         self.phases = (
             Phases(settings.sum_tolerance) if settings.frame == ABC and not batches else None
         )
-        self.pairs = Pairs(round(settings.pair_tolerance * 1e9))
+        self.pairs = CurrentsAndVoltages(round(settings.pair_tolerance * 1e9))
         self.names = (settings.joint, settings.joint + ELECTRICAL)
         super().__init__(
             settings,
@@ -186,20 +186,19 @@ class DriveStream(Stream):
         return answer
 
     def _vector(self, kind: int, raw: bytes) -> list[Answer]:
-        """Return the answers that a current [A] or a voltage [V] completes."""
+        """Return the answer to the pair that a current [A] or a voltage [V] completes."""
         message = vector3.decode(raw)
         vector: AlphaBeta | None = message.x, message.y
         if self.phases is not None:
             turn = self.phases.current if kind == CURRENT else self.phases.voltage
             vector = turn(message.x, message.y, message.z)
-        if vector is None:
+        pair = vector and self.pairs.take(kind, message.stamp_ns, vector)
+        if not pair:
             return []
-        answers = []
-        for pair in self.pairs.put(kind, message.stamp_ns, vector):
-            stamps = np.array([pair.stamp_ns])
-            out = self.joint.take(stamps, np.array([pair.sample]))
-            answers.append(self._answer(pair.stamp_ns, message.frame_id, self._used(stamps, out)))
-        return answers
+        stamp_ns, sample = pair
+        stamps = np.array([stamp_ns])
+        out = self.joint.take(stamps, np.array([sample]))
+        return [self._answer(stamp_ns, message.frame_id, self._used(stamps, out))]
 
     def _used(self, stamps: Any, out: DriveEstimates) -> bool:
         """Return True if any sample was used; count the time by status."""

@@ -13,6 +13,7 @@ from typing import Any
 
 from estimator_pkg.driver.bank import Bank, Taken
 from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.pairs import Pairing
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import odometry
@@ -117,7 +118,7 @@ class WheelStream(Stream):
         self.base = WheelOdometry(settings, gyro, of_wheel.wrap_period, of_wheel.timeout)
         self._sample = JointStates(settings.stamp_source == PUBLISHER).sample
         self._answering = Answering(self)
-        self._wheels: dict[str, tuple[int, list[float]]] = {}  # that are new, by name
+        self._pairing = Pairing(len(settings.names))
         self._field: Field
 
     def read_field(self, field: Field, port: int = 0) -> None:
@@ -144,12 +145,17 @@ class WheelStream(Stream):
         if taken is None:
             return
         valid = {k: each for k, each in enumerate(taken.estimates) if each and each[3] in VALID}
-        for (k, each), sigmas in zip(valid.items(), taken.stddevs([*valid])):
-            if math.isfinite(sum(sigmas)):
-                self._wheels[taken.names[k]] = stamp_ns, [*each[:3], *sigmas]
-        if len(self._wheels) < len(self.settings.names):
+        found = self._pairing.put(
+            stamp_ns,
+            {
+                self.settings.names.index(taken.names[k]): (stamp_ns, [*each[:3], *sigmas])
+                for (k, each), sigmas in zip(valid.items(), taken.stddevs([*valid]))
+                if math.isfinite(sum(sigmas))
+            },
+        )
+        if found is None:
             return
-        stamps_ns, wheels = zip(*(self._wheels.pop(name) for name in self.settings.names))
+        stamps_ns, wheels = zip(*(found.parts[k] for k in range(len(self.settings.names))))
         stamp_ns = max(stamps_ns)
         self.base.update(stamp_ns, [(stamp_ns - each) * 1e-9 for each in stamps_ns], wheels)
         if self.wanted[2]:
@@ -172,7 +178,7 @@ class WheelStream(Stream):
     def reset(self) -> str:
         """See `Stream`; the pose is zero again, and the gyro's bias is forgotten."""
         self.base.reset()
-        self._wheels.clear()
+        self._pairing.waiting.clear()
         return f'{super().reset()}; the pose is zero'
 
     def needed(self) -> set[str]:

@@ -16,7 +16,7 @@ from motors import steady
 from estimator_pkg import observers
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.drive import DriveJoint
-from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
+from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, CurrentsAndVoltages, Phases
 from estimator_pkg.estimate import MISCONFIGURED, TRACKING
 from estimator_pkg.messages import vector3
 from estimator_pkg.observers.maths.clarke import phases
@@ -159,15 +159,15 @@ def test_the_most_telling_reason_is_kept():
 
 @pytest.mark.parametrize('tolerance', [0, 10])
 def test_stamps_within_the_tolerance_pair_whatever_comes_first(tolerance):
-    pairs = Pairs(tolerance)
-    assert pairs.put(CURRENT, 1000, (1.0, 2.0)) == []
-    assert pairs.put(VOLTAGE, 1000 + tolerance, (3.0, 4.0)) == [(1000, (1.0, 2.0, 3.0, 4.0))]
-    assert pairs.put(VOLTAGE, 2000 - tolerance, (5.0, 6.0)) == []
-    assert pairs.put(CURRENT, 2000, (7.0, 8.0)) == [(2000, (7.0, 8.0, 5.0, 6.0))]
+    pairs = CurrentsAndVoltages(tolerance)
+    assert pairs.take(CURRENT, 1000, (1.0, 2.0)) is None
+    assert pairs.take(VOLTAGE, 1000 + tolerance, (3.0, 4.0)) == (1000, (1.0, 2.0, 3.0, 4.0))
+    assert pairs.take(VOLTAGE, 2000 - tolerance, (5.0, 6.0)) is None
+    assert pairs.take(CURRENT, 2000, (7.0, 8.0)) == (2000, (7.0, 8.0, 5.0, 6.0))
     assert pairs.nearest_ns is None and pairs.unpaired == 0
-    assert pairs.put(CURRENT, 3000, (0.0, 0.0)) == []
-    assert pairs.put(VOLTAGE, 3001 + tolerance, (0.0, 0.0)) == []
-    assert (pairs.paired, pairs.unpaired, pairs.nearest_ns) == (2, 1, 1 + tolerance)
+    assert pairs.take(CURRENT, 3000, (0.0, 0.0)) is None
+    assert pairs.take(VOLTAGE, 3001 + tolerance, (0.0, 0.0)) is None
+    assert (pairs.paired, pairs.nearest_ns) == (2, 1 + tolerance)
 
 
 @pytest.mark.long
@@ -178,16 +178,17 @@ def test_stamps_within_the_tolerance_pair_whatever_comes_first(tolerance):
     st.randoms(use_true_random=False),
 )
 def test_what_is_lost_of_either_costs_only_its_partner(lost, gone, shift, random):
-    pairs = Pairs(5)
+    pairs = CurrentsAndVoltages(5)
     waiting = [[k for k in range(100) if k not in lost], [k for k in range(100) if k not in gone]]
     found = []
     while waiting[0] or waiting[1]:
         kind = random.choice([which for which in (0, 1) if waiting[which]])
         k = waiting[kind].pop(0)
-        found += pairs.put(kind, 1000 * k + kind * shift, (float(k), float(kind)))
+        pair = pairs.take(kind, 1000 * k + kind * shift, (float(k), float(kind)))
+        found += [pair] if pair else []
     both = [k for k in range(100) if k not in lost | gone]
-    assert [pair.stamp_ns for pair in found] == [1000 * k for k in both]
-    assert all(pair.sample == (k, 0.0, k, 1.0) for k, pair in zip(both, found))
+    assert [stamp_ns for stamp_ns, _ in found] == [1000 * k for k in both]
+    assert all(sample == (k, 0.0, k, 1.0) for k, (_, sample) in zip(both, found))
 
 
 def test_topics_that_never_pair_are_distinguished():
@@ -200,14 +201,13 @@ def test_topics_that_never_pair_are_distinguished():
 
 @pytest.mark.parametrize('back', [10**4, 10**7, 10**9])
 def test_a_clock_that_jumps_back_does_not_block(back):
-    pairs = Pairs(10)
+    pairs = CurrentsAndVoltages(10)
     for k in range(20):
-        pairs.put(CURRENT, back + 1000 * k, (0.0, 0.0))
+        pairs.take(CURRENT, back + 1000 * k, (0.0, 0.0))
     found = []
     for k in range(5):
-        found += pairs.put(CURRENT, 1000 * k, (0.0, 0.0))
-        found += pairs.put(VOLTAGE, 1000 * k, (0.0, 0.0))
-    assert len(found) == 5
+        found += [pairs.take(kind, 1000 * k, (0.0, 0.0)) for kind in (CURRENT, VOLTAGE)]
+    assert len([pair for pair in found if pair]) == 5
 
 
 def test_phases_without_neutral_sum_to_zero():

@@ -67,7 +67,6 @@ class Incomplete:
 
 
 WrongPsi = varied(TwoLinks, psi=cholesky)
-WrongCalm = varied(psi=cholesky, calm=lambda model, q: 1.01 * cholesky(model, q))
 WrongCoriolis = varied(
     coriolis=lambda model, q, v: np.array([0.0, model.b * np.sin(q[0]) * v[0] ** 2])
 )

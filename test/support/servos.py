@@ -4,12 +4,13 @@
 """Servos for the tests of the adaptive observer, and streams through its driver."""
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
 from estimator_pkg.driver.adaptive import AdaptiveJoint
-from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.observers.adaptive.observer import Adaptive, Gains
 from estimator_pkg.parameters import build
 
@@ -36,8 +37,19 @@ def servo(damping, stiffness, gain, u, dt, load=0.0, start=(0.0, 0.0)):
     return angle, velocity
 
 
+class Fed(NamedTuple):
+    """The estimates after each sample, shape (n,)."""
+
+    position: Any
+    velocity: Any
+    acceleration: Any
+    status: Any
+    position_stddev: Any
+    velocity_stddev: Any
+
+
 def joint(period=2.0 * math.pi, **gains):
-    return AdaptiveJoint(Adaptive, build(Gains, gains), JointSettings(wrap_period=period))
+    return AdaptiveJoint(Adaptive, build(Gains, gains), DrivenSettings(wrap_period=period))
 
 
 def feed(made, angles, inputs, dt=1e-3, start_ns=10**18):
@@ -45,7 +57,11 @@ def feed(made, angles, inputs, dt=1e-3, start_ns=10**18):
     stamps = start_ns + np.rint(
         np.concatenate([[0.0], np.cumsum(np.broadcast_to(dt, len(inputs)))]) * 1e9
     ).astype(np.int64)
-    return made.run(stamps, angles, np.concatenate([[0.0], inputs])), stamps
+    rows = []
+    for sample in zip(stamps.tolist(), angles.tolist(), [0.0, *inputs.tolist()]):
+        made.update(*sample)
+        rows.append((*made.estimate(), *made.stddev()))
+    return Fed(*np.array(rows).T), stamps
 
 
 def excited(count, hold=200, seed=1, size=5.0):

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series
 from estimator_pkg.bags.wiring import Setup
-from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
+from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, CurrentsAndVoltages, Phases
 from estimator_pkg.evaluation.matching import PIECE_PAUSE, pieces
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.signals import wrapped
@@ -86,7 +86,7 @@ def signals(bag: Bag, setup: Setup) -> Drive:
     stamps: list[NDArray[np.int64]] = []
     rows: list[Array] = []
     batches = values.get('input', DRIVE_SAMPLES) == DRIVE_SAMPLES
-    pairs = Pairs(round(float(values.get('pair_tolerance', 2e-5)) * 1e9))
+    pairs = CurrentsAndVoltages(round(float(values.get('pair_tolerance', 2e-5)) * 1e9))
     phases = Phases(float(values.get('sum_tolerance', 0.1))) if values.get('frame') == ABC else None
     for message in bag.messages(topics):
         try:
@@ -103,10 +103,10 @@ def signals(bag: Bag, setup: Setup) -> Drive:
         if phases is not None:
             turn = phases.current if kind == CURRENT else phases.voltage
             vector = turn(found.x, found.y, found.z)
-        if vector is not None:
-            for pair in pairs.put(kind, found.stamp_ns, vector):
-                stamps.append(np.array([pair.stamp_ns]))
-                rows.append(np.array([pair.sample]))
+        pair = vector and pairs.take(kind, found.stamp_ns, vector)
+        if pair:
+            stamps.append(np.array([pair[0]]))
+            rows.append(np.array([pair[1]]))
     if not stamps:
         none = np.zeros(0, np.complex128)
         return Drive(np.zeros(0, np.int64), none, none)

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models import check
 from estimator_pkg.models.mechanics import Array, Mechanics
 
 FASTEST = 3000.0  # largest dt (|L| + sqrt(trace K)): beyond it gains do not fit the sample rate
@@ -159,7 +158,7 @@ def guaranteed(
     turning = max(
         sum(
             float(np.linalg.norm(slope, 2)) * GUARANTEED_SPEED
-            for slope in check.slopes(mechanics, lambda x: mechanics.factors(x)[0], q)
+            for slope in mechanics.slopes(lambda x: mechanics.factors(x)[0], q)
         )
         for q in configurations
     )

@@ -194,14 +194,6 @@ def test_a_gap_keeps_parameters_and_speed():
     assert made.estimate()[1] == pytest.approx(velocity[16999], abs=1e-3 * np.std(velocity))
 
 
-def test_a_replay_takes_a_quarter_of_a_block_of_evidence_at_a_time(monkeypatch):
-    made, looked = joint(0.0), []
-    monkeypatch.setattr(made.evidence, 'look', lambda *_: looked.append(None))
-    u = np.zeros(80)
-    feed(made, np.zeros(81), u, dt=made.evidence.length / 40.0)  # two blocks
-    assert len(looked) == 9  # of ten samples, and the last one
-
-
 def test_known_and_bounded_parameters():
     u = excited(8000)
     angles, _ = servo(2.0, 0.0, 30.0, u, 1e-3)

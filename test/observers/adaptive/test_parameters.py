@@ -12,7 +12,6 @@ from servos import excited, feed, joint, named, servo
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.identified import load as load_file
 from estimator_pkg.driver.identified import save
-from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive.evidence import (
     EVIDENCE_BLOCKS,
     MERGING_BLOCKS,
@@ -206,20 +205,6 @@ def test_nothing_is_learnt_below_a_speed():
     assert adapted[0] > 14.0 and 2.0 < adapted[1] < 12.0 and adapted[2] == 0.0
 
 
-def test_deviations_do_not_depend_on_how_the_samples_come():
-    one, _, _ = learnt(3, disturbance=0.3, seconds=6.0)
-    count = round(6.0 / DT)
-    u = excited(count, hold=100, seed=103)
-    angles, _ = servo(2.0, 5.0, 30.0, u + coloured(count, 3, 0.3, 0.05), DT)
-    other = joint(0.0, known=('b1=0',))
-    for k, angle in enumerate(angles.tolist()):
-        other.update(10**18 + k * 2_000_000, angle, float(u[k - 1]) if k else 0.0)
-    for name in TRUE:
-        assert named(one)[name].value == named(other)[name].value
-        # blocks end where a piece of a batch does
-        assert named(one)[name].stddev == pytest.approx(named(other)[name].stddev, rel=0.3)
-
-
 def test_blocks_merge_and_forget():
     random = np.random.default_rng(1)
     rows = random.normal(size=(4000, 2))
@@ -269,11 +254,3 @@ def test_saved_parameters_keep_their_deviation_and_doubt(tmp_path):
         found = {item.name: item.stddev for item in said.parameters}
         assert found == pytest.approx({item.name: item.stddev for item in before.parameters})
         assert trusted or 'not trusted when' in said.why_not
-
-
-def test_a_file_with_gravity_needs_an_observer_with_it():
-    saved = {'a': {'order': 2, 'a': [-1.0, 0.0], 'b': [0.0, 5.0], 'gravity': -20.0}}
-    with pytest.raises(UsageError, match='have a gravity: set gravity to true'):
-        AdaptiveConfiguration(Adaptive, {}, saved=saved)
-    gains, _ = AdaptiveConfiguration(Adaptive, {'gravity': True}, saved=saved).for_joint('a')
-    assert gains.theta[4] == -20.0
