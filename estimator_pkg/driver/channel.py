@@ -186,7 +186,7 @@ def advance(
             clock.late_in_a_row += 1
         return verdict
     if verdict == USED_SAMPLE or verdict == AFTER_STRAY_STAMP:
-        before_ns, before_dt = clock.dt_ns, clock.dt
+        before_dt = clock.dt
         verdict, passed = follow_time(
             observer, track, design, limits, stamp_ns, measurement, verdict
         )
@@ -204,16 +204,7 @@ def advance(
             clock.late_in_a_row = 0
             if observer.SINGLE_ANGLE:
                 if stamp_ns >= track.calibration.due_ns:
-                    calibrate(
-                        observer,
-                        track,
-                        design,
-                        limits,
-                        stamp_ns,
-                        measurement,
-                        known_input,
-                        before_ns,
-                    )
+                    calibrate(observer, track, design, limits, stamp_ns, measurement, known_input)
                 note_reading(
                     track.holds,
                     stamp_ns,

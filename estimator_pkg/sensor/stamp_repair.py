@@ -1,21 +1,19 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Find when a device that samples regularly took its readings, from stamps that jitter.
+"""The clock of `sample_time.py` with a longer memory, for a device that samples regularly.
 
     t_k = t_(k-1) + n_k period,       stamp_k = t_k + delay_k
 
-Phase and period of the device's clock follow a growing-memory g-h filter (a recursive least-squares
-line; Brookner, Tracking and Kalman Filtering Made Easy, 1998, section 1.2.10), whose memory ends at
-`FIT_MEMORY` messages so that it follows a drift. Residuals count up to `CLIPPED` times their mean.
+Phase and period follow a recursive least-squares line (growing-memory g-h filter; Brookner,
+Tracking and Kalman Filtering Made Easy, 1998, section 1.2.10), whose memory ends at `FIT_MEMORY`
+messages so that it follows a drift. Residuals count up to `CLIPPED` times their mean.
 
-n_k is more than 1 where messages were lost. A late stamp may be a lost message or a delay. The
-readings decide where they move fast enough. Otherwise a stamp that fits the grid of a quiet clock
-was preceded by lost messages; any other one was delayed, until the stamps stay late.
+n_k is more than 1 where messages were lost. It is the most likely number, given the stamp and the
+reading of the joint that moves most clearly. Stamps that stay late, or early, shift the line.
 
-Stamps that jitter and sampling that jitters look the same. So the readings decide here, too: the
-residuals of linear interpolation are compared between the stamps and the fit, and the fit is used
-only while its residuals are clearly smaller.
+Stamps that jitter and sampling that jitters look the same. So the readings decide: they are
+predicted at the stamps and on the line, and the line is used only while it predicts clearly better.
 """
 
 from __future__ import annotations
@@ -23,54 +21,54 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from statistics import median
 
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator_pkg.circle import LARGEST, wrap
-from estimator_pkg.sensor.stamp_grid import COUNTED_PERIODS, Arrival, numbers_of
+from estimator_pkg.sensor.sample_time import Prediction, begin_prediction, correct, miss
 
 FIRST_FIT = 64  # messages before the first fit,
 SLOW_FIRST_FIT, SLOW_NS = 16, 2_000_000_000  # or these, if they took so long [ns]
-FIT_MEMORY = 10000.0  # messages that the fit remembers,
-SECONDS = 10.0  # or messages of this time [s],
+LOWEST_RATE, HIGHEST_RATE = 0.98, 1.6  # periods per message, of the rates that it tries
+LINE = 0.4  # of the stamps' spectrum, over its largest possible value
+FIT_MEMORY, SECONDS = 10000.0, 10.0  # messages that the line remembers, or of this time [s],
 SHORTEST_FIT = 200.0  # but not fewer than these
-CLIPPED = 3.0  # mean absolute residuals
-QUIET_JITTER = 0.1  # periods: with less jitter than this a stamp shows the number of lost messages,
-GRID_TOLERANCE = 5.0  # within this many mean residuals,
-LATE_PERIODS = 0.5  # periods: a stamp later than this may follow lost messages,
-ASKED = 0.3  # and one later than this if the readings show it
-SURE_MOTION = 6.0  # residuals: readings that move by more in a period show their time
-SPREAD, DELAY_SQUARE = 1.25, 12.0  # standard deviation over mean residual; a delay's squared one
-AT_ONCE = 2.0  # periods: messages that are later, but followed at once, waited in a queue
 PHASE_MEMORY = 64.0  # messages over which corrections of the phase are spread
-YOUNG = 2000  # messages after which the period is known
-PLENTY = 100  # messages after which stamps that stay early show that the period is too long
-LATE_FOR_GOOD = 250.0  # messages that stay late, times (jitter / period)^2, show a shift
-LEAST_SHIFT = 0.75  # periods: the median residual is beyond this
-FEWEST_LATE, MOST_LATE = 3, 250  # but between these
+CLIPPED = 3.0  # mean absolute residuals
+FITTED = 0.5  # [s] of the line before it is used, unless the stamps hardly jitter:
+QUIET = 0.1  # periods
+SPREAD = 1.25  # standard deviation over mean residual
+DELAY, WILD = 12.0, 36.0  # log odds, doubled: of a delay, of a stray reading
+STRAY = 100.0  # times the mean square: a residual of interpolation counts no more
+USUAL, RARE = 6.0, 12.0  # the same of lost messages, where late ones follow these or not
 LOSS_MEMORY = 8.0  # late stamps over which is learnt what they mean
-REFIT_MESSAGES, OTHER = 128, 0.015  # messages that show a period so different, while stamps jitter;
-LONGEST_PAUSE = 1024  # where they do not, the next look follows later, at most after these
-BREAK = 0.5  # [s] a longer step of the stamps begins another stretch;
+COUNTED = 4  # largest number of periods that a prediction shows,
+FAR = 15.0  # and the log odds, doubled, of more
+ASKED = 0.3  # periods: a later stamp may follow lost messages
+SURE_MOTION = 3.0  # deviations of the prediction: readings that move by more show their time
+AT_ONCE = 2.0  # periods: messages that are later, but followed at once, waited in a queue
+LATE_FOR_GOOD = 250.0  # messages that stay late, times (jitter / period)^2, show a shift
+FEWEST_LATE, MOST_LATE = 3, 250  # but between these,
+LEAST_SHIFT = 0.75  # periods: of their median
+BREAK_NS = 500_000_000  # a longer step of the stamps begins another stretch;
 BREAK_PERIODS = 8.0  # or, if that is longer, one of this many periods; or one back by as many,
 BACK_NS = 1e8  # but back by no more than this time [ns]
-SPEED_GAIN, BEND_GAIN = 0.5, 0.1  # of the readings' steps
-RESIDUAL_MEMORY = 100.0  # messages over which residuals are compared,
-ESTABLISHED = 12.0  # of these in motion
-WILD = 100.0  # each with at most this many times the mean square
-FIT_BETTER, FIT_WORSE = 0.8, 1.0  # ratio of their squares to use the fit, and to leave it
-SLIPPED = 30.0  # a revision counts as this many mean squares
-SLOWLY = 50.0  # messages: over these the residuals of a regular device average to nothing;
-WANDERS = 0.5  # this part of their mean square must not remain
-FITTED = 0.5  # [s] of the fit before that, unless the stamps hardly jitter
-USED_AGAIN_AFTER = 500.0  # messages in motion before it is used again, twice as many each time
-MOVING_MESSAGES = 30.0  # messages in motion that allow to use it
-FEWEST_PERIODS, MOST_PERIODS = 0.7, 1.6  # mean periods per message of a correct period
+FEWEST_PERIODS, MOST_PERIODS = 0.7, 1.6  # mean periods per message of a correct period,
+MESSAGES = 100.0  # over so many messages, as of the predictions
+ESTABLISHED, MOVING = 12.0, 30.0  # changes that show a joint's motion; messages in motion
+BETTER, WORSE = 0.8, 1.0  # ratio of squares to use the line, and to leave it,
+SLIPPED = 30.0  # where a shift counts as this many
+SLOWLY, WANDERS = 50.0, 0.5  # messages: over these residuals average to nothing, but for this part
 NOMINAL = 1e-3  # a rate so close to a whole number of Hz is meant to be that
-BATCH_MEMORY = 1000  # messages for which equal stamps are remembered not to be one message
 RECENT_MESSAGES = 8  # stamps that are known again when their message comes twice
 
 COLLECTING, LEFT_ALONE, REPAIRED = 'fitting', 'left alone', 'repaired'
+
+Steps = tuple[float, float]  # of time, by the stamps and on the line [s]
+Message = tuple[int, Sequence[str], Sequence[float]]  # stamp [ns], joints, readings [rad or m]
 
 
 def longest_back(period: float) -> float:
@@ -80,22 +78,58 @@ def longest_back(period: float) -> float:
 
 def is_break(step: int, period: float) -> bool:
     """Return True if a step of the stamps [ns] begins another stretch."""
-    return not -longest_back(period) < step <= max(1e9 * BREAK, BREAK_PERIODS * period)
+    return not -longest_back(period) < step <= max(BREAK_NS, BREAK_PERIODS * period)
+
+
+def numbers_of(since: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the periods between messages, shape (n-1,), from their stamps, shape (n,) [ns].
+
+    The device's rate is the largest line in the spectrum of the stamps. Lost messages leave it
+    where it is, and jitter of up to 0.7 periods leaves enough of it; with more, none was lost.
+    """
+    ones = np.ones(len(since) - 1, np.int64)
+    if since[-1] <= 0.0:
+        return ones
+    rate = len(ones) / since[-1]
+    rates = np.arange(LOWEST_RATE * rate, HIGHEST_RATE * rate, 0.4 / since[-1])
+    lines = np.exp(2j * np.pi * np.outer(rates, since)).mean(1)
+    best = np.argmax(np.abs(lines))
+    phase = np.angle(lines[best]) / (2.0 * np.pi)
+    numbers = np.diff(np.rint(rates[best] * since - phase)).astype(np.int64)
+    return numbers if abs(lines[best]) > LINE and min(numbers) > 0 else ones
 
 
 class _Joint:
-    """Readings of one joint: speed, and residuals of interpolation in both times."""
+    """Readings of one joint: their prediction, and residuals of interpolation in both times."""
 
-    def __init__(self) -> None:
-        self.last = self.step = 0.0  # newest reading, and its step [rad]
-        self.speed = self.bend = 0.0  # its step per period, and the change of that [rad]
-        self.squares = [0.0, 0.0]  # mean squared residuals: at the stamps, and at the fit [rad^2]
-        self.residuals = [0.0, 0.0]
-        self.counts = [0.0, 0.0]
+    def __init__(self, reading: float) -> None:
+        self.last, self.step, self.changes = reading, 0.0, 0.0
+        self.prediction = Prediction()
+        self.residuals, self.squares = [0.0, 0.0], [0.0, 0.0]  # by the stamps, and on the line
 
-    def after(self, periods: int) -> float:
-        """Return the expected step over this number of periods [rad]."""
-        return periods * self.speed + 0.5 * periods * (periods + 1) * self.bend
+    def change(self, reading: float, dt: float, turn: float) -> float:
+        """Return the change to a reading that was taken `dt` [s] later, on the likely turn."""
+        usual = self.prediction.velocity * dt
+        return usual + wrap(reading - self.last - usual, turn)
+
+    def see(self, reading: float, before: Steps, steps: Steps, turn: float) -> None:
+        """Take a reading, `steps` after the one before."""
+        dt, step = steps[1], self.change(reading, steps[1], turn)
+        if self.changes:
+            correct(self.prediction, dt, step, self.changes, dt)
+        else:
+            begin_prediction(self.prediction, dt, step)
+        if step != 0.0 or self.step != 0.0:
+            self.changes = min(self.changes + 1.0, MESSAGES)
+            for i in (0, 1):
+                part = before[i] / (before[i] + steps[i])
+                residual = part * step - (1.0 - part) * self.step
+                square, mean = (residual - self.residuals[i]) ** 2, self.squares[i]
+                if mean > 0.0:
+                    square = min(square, STRAY * mean)
+                self.squares[i] += (square - mean) / self.changes
+                self.residuals[i] = residual
+        self.last, self.step = reading, step
 
 
 class StampRepair:
@@ -114,29 +148,21 @@ class StampRepair:
 
     def __init__(self, periods: Callable[[str], float]) -> None:
         self._periods = periods
-        self._joints: dict[str, _Joint] = {}
         self._out_ns = 0  # newest time returned
-        self._batches = 0  # messages for which messages are thought to come in batches
-        self._ahead = False  # it is later than it should be
+        self._batches = False  # messages with equal stamps were not one
         self._recent: deque[tuple[int, tuple[float, ...], int]] = deque(maxlen=RECENT_MESSAGES)
         self._restart()
 
     def _restart(self) -> None:
         self.state, self.period, self.jitter, self.offset = COLLECTING, 0.0, 0.0, 0.0
-        self._first: list[Arrival] = []  # to be fitted
-        self._at_ns = self._even_ns = 0.0  # the fit, and evenly; relative to the base [ns]
-        self._base_ns = 0
-        self._wander = 0.0, 0.0, 0.0  # slow mean of the residuals, its mean square, and theirs
-        self._slips = 0.0  # fraction of messages that revised the number of lost ones
-        self._unbroken = 0  # messages since one was missed
-        self._lost = 0.0  # fraction of late stamps, as far as readings show it, after lost messages
-        self._count = self._phases = 0.0  # messages of the fit, and of the stretch
+        self._first: list[Message] = []  # to be fitted
+        self._joints: dict[str, _Joint] = {}
+        self._steps = 0.0, 0.0  # of the newest message
         self._late: deque[float] = deque(maxlen=MOST_LATE)
-        self._per_message = 1.0
-        self._weight, self._ban = 0.0, USED_AGAIN_AFTER
-        self._steps_ns = (0.0, 0.0)  # of the newest message: in the stamps, in the fit
-        for joint in self._joints.values():
-            joint.squares, joint.counts, joint.speed, joint.bend = [0.0, 0.0], [0.0, 0.0], 0.0, 0.0
+        self._per_message, self._moving, self._slips = 1.0, 0.0, 0.0
+        # slow mean of the residuals [ns], its mean square, and theirs
+        self._mean = self._wander = self._power = 0.0
+        self._lost = 0.0  # fraction of late stamps, as far as it is known, after lost messages
 
     @property
     def drift(self) -> float:
@@ -144,7 +170,7 @@ class StampRepair:
         rate = 1.0 / self.period if self.period > 0.0 else 0.0
         nominal = round(rate)
         if not nominal or abs(rate / nominal - 1.0) > NOMINAL:
-            return float('nan')
+            return math.nan
         return rate / nominal - 1.0
 
     def __call__(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]) -> int:
@@ -158,305 +184,169 @@ class StampRepair:
         if stamp_ns <= 0 or len(names) != len(positions):
             return stamp_ns
         readings = tuple(each if abs(each) < LARGEST else math.nan for each in positions)
-        newest_ns = self._recent[-1][0] if self._recent else 0
-        if stamp_ns == newest_ns and readings != self._recent[-1][1]:
-            self._batches = BATCH_MEMORY  # equal stamps are not one message
-        elif self._batches:
-            self._batches -= 1
-        if stamp_ns != newest_ns or not self._batches:
-            for known_ns, known, at_ns in self._recent:
-                if known_ns == stamp_ns and known == readings:
+        for known_ns, known, at_ns in self._recent:
+            if known_ns == stamp_ns:
+                self._batches = self._batches or known != readings
+                if not self._batches:
                     return at_ns  # it came twice
-        if self.state == COLLECTING:
-            at_ns = self._collect(stamp_ns, names, readings)
-        else:
-            at_ns = self._follow(stamp_ns, names, readings)
-        if self.state == REPAIRED or self._ahead:  # time goes on, but for a step of the clock
+        message = stamp_ns, names, readings
+        at_ns = self._collect(message) if self.state == COLLECTING else self._follow(message)
+        if self.state == REPAIRED:  # time goes on, but for a step of the clock
             least_ns = self._out_ns + max(1, round(0.1e9 * self.period))
-            self._ahead = self._out_ns - longest_back(1e9 * self.period) < at_ns < least_ns
-            if self._ahead:
+            if self._out_ns - longest_back(1e9 * self.period) < at_ns < least_ns:
                 at_ns = least_ns
         self._out_ns = at_ns
         self._recent.append((stamp_ns, readings, at_ns))
         return at_ns
 
-    def _collect(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]) -> int:
-        first = self._first
-        if first and is_break(stamp_ns - first[-1][0], self._mean()):
+    def _collect(self, message: Message) -> int:
+        first, stamp_ns = self._first, message[0]
+        mean = (first[-1][0] - first[0][0]) / (len(first) - 1) if len(first) > 1 else 0.0
+        if first and is_break(stamp_ns - first[-1][0], mean):
             first.clear()
-        first.append((stamp_ns, names, positions))
+        first.append(message)
         if len(first) >= (FIRST_FIT if stamp_ns - first[0][0] < SLOW_NS else SLOW_FIRST_FIT):
             self._fit()
         return stamp_ns
 
-    def _mean(self) -> float:
-        """Return the mean step of the collected stamps [ns]."""
-        first = self._first
-        return (first[-1][0] - first[0][0]) / (len(first) - 1) if len(first) > 1 else 0.0
-
     def _fit(self) -> None:
         """Fit a line to the collected stamps."""
-        first, self._first = self._first, []
-        stamps = [stamp for stamp, _, _ in first]
-        base = stamps[0]
-        steps = [b - a for a, b in pairwise(stamps)]
-        middle = median(steps)
-        scatter = median(abs(step - middle) for step in steps)
-        quiet = middle > 0.0 and scatter < QUIET_JITTER * middle
-        if quiet:
-            numbers = [max(1, round(step / middle)) for step in steps]
-        else:
-            numbers = numbers_of(first, self._periods) or [1] * len(steps)
-        counts = list(accumulate(numbers, initial=0))
-        n = len(stamps)
-        mean_count = sum(counts) / n
-        mean_stamp = sum(stamp - base for stamp in stamps) / n
-        square = sum((count - mean_count) ** 2 for count in counts)
-        slope = (
-            sum((c - mean_count) * (s - base - mean_stamp) for c, s in zip(counts, stamps)) / square
-        )
+        messages, self._first = self._first, []
+        self._base_ns = messages[0][0]
+        since = np.array([stamp - self._base_ns for stamp, _, _ in messages], float)
+        numbers = numbers_of(since)
+        counts = np.array([0, *accumulate(numbers.tolist())], float)
+        off, middle = counts - counts.mean(), float(since.mean())
+        slope = float(off @ since / (off @ off))
+        residuals = since - middle - slope * off
         if slope <= 0.0:
             return
-        self._base_ns, self._count, self._phases = base, float(n), float(n)
-        self._at_ns = mean_stamp + slope * (counts[-1] - mean_count)
-        residuals = [
-            s - base - mean_stamp - slope * (c - mean_count) for c, s in zip(counts, stamps)
-        ]
-        self.period, self.jitter = slope * 1e-9, 1e-9 * sum(map(abs, residuals)) / n
-        self.offset, self._even_ns = 1e-9 * residuals[-1], self._at_ns
-        self.state = LEFT_ALONE
-        self._last_ns = stamps[-1]
-        self._wander, self._slips = (0.0, 0.0, 0.0), 0.0
-        self._wait, self._pause = 0, REFIT_MESSAGES // 2
-        self._lost = max(self._lost, float(sum(numbers) > len(steps)))
-        self._joints.clear()
-        self._see(*first[0][1:], (0.0, 0.0), 1)
-        for (_, names, positions), step, number in zip(first[1:], steps, numbers):
-            self._see(names, positions, (max(step, 0.05 * slope), number * slope), number)
+        self._count = self._phases = float(len(since))  # messages of the line, and of the stretch
+        # the newest reading on the line, relative to the base, and evenly after the others [ns]
+        self._at_ns = self._even_ns = middle + slope * float(off[-1])
+        self.period, self.jitter = 1e-9 * slope, 1e-9 * float(np.mean(np.abs(residuals)))
+        self.offset, self.state = 1e-9 * float(residuals[-1]), LEFT_ALONE
+        self._last_ns = messages[-1][0]
+        self._lost = float(numbers.sum() > len(numbers))
+        for message, step, number in zip(messages, [0.0, *np.diff(since)], [1, *numbers]):
+            self._see(message, 1e-9 * float(step), int(number) * self.period)
 
-    def _follow(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]) -> int:
-        period = 1e9 * self.period
-        since = stamp_ns - self._last_ns
-        self._last_ns = stamp_ns
-        if is_break(since, period):
-            # the period remains; the phase is learnt anew
+    def _follow(self, message: Message) -> int:
+        stamp_ns, period = message[0], 1e9 * self.period
+        since, self._last_ns = stamp_ns - self._last_ns, stamp_ns
+        if is_break(since, period):  # the period remains; the phase is learnt anew
             self._at_ns = self._even_ns = float(stamp_ns - self._base_ns)
             self._phases = 1.0
-            self._first = []
             self._late.clear()
-            self._see(names, positions, (0.0, 0.0), 1)
+            self._joints.clear()
+            self._see(message, self.period, self.period)
             self.offset = 0.0
             return stamp_ns
-        before = self._at_ns
-        late = stamp_ns - self._base_ns - before - period
-        number = self._number(late, period, names, positions)
+        late = stamp_ns - self._base_ns - self._at_ns - period
+        number = self._number(message, 1e-9 * late)
         off = late - (number - 1) * period
-        shift = 0
-        if since > LATE_PERIODS * period or off < AT_ONCE * period:
-            shift = self._shift(off, period)
-        self._slips += ((shift != 0) - self._slips) / RESIDUAL_MEMORY
-        self._unbroken = self._unbroken + 1 if number + shift == 1 else 0
-        self._per_message += (number + shift - self._per_message) / RESIDUAL_MEMORY
+        if since > 0.5 * period or off < AT_ONCE * period:
+            shift = self._shift(off / period)
+            self._slips += ((shift != 0) - self._slips) / MESSAGES
+            number, off = number + shift, off - shift * period
+        self._per_message += (number - self._per_message) / MESSAGES
         if not FEWEST_PERIODS < self._per_message < MOST_PERIODS:
             self._restart()
-            return self._collect(stamp_ns, names, positions)
-        off -= shift * period
-        at = before + (number + shift) * period
+            return self._collect(message)
         k = self._count = min(
             self._count + 1.0, FIT_MEMORY, max(SHORTEST_FIT, SECONDS / self.period, self._count)
         )
         self._phases += 1.0
         most = CLIPPED * 1e9 * self.jitter + 1.0
         clipped = min(max(off, -most), most)
-        at += clipped * max(2.0 * (2.0 * k - 1.0) / (k * (k + 1.0)), 1.0 / self._phases)
+        passed = number * period
+        passed += clipped * max(2.0 * (2.0 * k - 1.0) / (k * (k + 1.0)), 1.0 / self._phases)
+        self._at_ns += passed
+        even = self._even_ns + number * period
+        self._even_ns = even + (self._at_ns - even) / min(self._phases, PHASE_MEMORY)
         self.period += 1e-9 * clipped * 6.0 / (k * (k + 1.0))
         self.jitter += 1e-9 * (min(abs(off), 2.0 * most) - 1e9 * self.jitter) / min(k, 500.0)
-        self.offset, self._at_ns = 1e-9 * off, at
-        mean, wander, power = self._wander
-        mean += (off - mean) / SLOWLY
-        wander += (mean * mean - wander) / (10.0 * SLOWLY)
-        power += (off * off - power) / (10.0 * SLOWLY)
-        self._wander = mean, wander, power
-        even = self._even_ns + (number + shift) * period
-        self._even_ns = even + (at - even) / min(self._phases, PHASE_MEMORY)
-        self._see(
-            names,
-            positions,
-            (max(since, 0.05 * period), max(at - before, 0.1 * period)),
-            number + shift,
-        )
+        self.offset = 1e-9 * off
+        self._mean += (off - self._mean) / SLOWLY
+        self._wander += (self._mean**2 - self._wander) / (10.0 * SLOWLY)
+        self._power += (off * off - self._power) / (10.0 * SLOWLY)
+        self._see(message, 1e-9 * since, 1e-9 * passed)
         self._judge()
-        if self.state == REPAIRED:
-            self._first = []
-            return self._base_ns + round(self._even_ns)
-        if 1e9 * self.jitter > QUIET_JITTER * period:
-            self._look_again((stamp_ns, names, positions), period)
-        return stamp_ns
+        return self._base_ns + round(self._even_ns) if self.state == REPAIRED else stamp_ns
 
-    def _look_again(self, message: Arrival, period: float) -> None:
-        """Fit anew if the messages show another period, as after lost ones while nothing moved."""
-        self._wait -= 1
-        if self._wait >= 0:
-            return
-        first = self._first
-        first.append(message)
-        if len(first) == REFIT_MESSAGES:
-            self._wait = self._pause = min(2 * self._pause, LONGEST_PAUSE)
-            numbers = numbers_of(first, self._periods)
-            passed = first[-1][0] - first[0][0]
-            if numbers and abs(passed / sum(numbers) - period) > OTHER * period:
-                self._fit()
-            self._first = []
-
-    def _shift(self, off: float, period: float) -> int:
-        """Return by how many periods the stamps stay late: messages were lost, or not.
-
-        Parameters
-        ----------
-        off : residual of the newest stamp [ns].
-        """
-        window = self._late
+    def _shift(self, off: float) -> int:
+        """Return by how many periods the stamps stay late; `off`: the newest residual [periods]."""
+        window, stays = self._late, round(LATE_FOR_GOOD * (self.jitter / self.period) ** 2)
         window.append(off)
-        stays = round(LATE_FOR_GOOD * (1e9 * self.jitter / period) ** 2)
         stays = min(MOST_LATE, max(FEWEST_LATE, stays))
-        if abs(off) <= LATE_PERIODS * period or len(window) < stays:
+        if abs(off) <= 0.5 or len(window) < stays:
             return 0
-        typical = median(list(window)[-stays:]) / period
-        shift = round(typical) if abs(typical) > LEAST_SHIFT else 0
-        if shift:
-            window.clear()
-            self._lost += (float(shift > 0) - self._lost) / LOSS_MEMORY
-        if shift < 0 and PLENTY < self._unbroken < YOUNG and self._count < YOUNG:
-            self.period *= 1.0 + shift / self._unbroken
-            self._count = min(self._count, float(self._unbroken))
-        return shift
+        typical = median(list(window)[-stays:])
+        if abs(typical) <= LEAST_SHIFT:
+            return 0
+        window.clear()
+        self._lost += ((typical > 0.0) - self._lost) / LOSS_MEMORY
+        return round(typical)
 
-    def _number(
-        self, late: float, period: float, names: Sequence[str], positions: Sequence[float]
-    ) -> int:
-        """Return how many periods passed since the message before.
-
-        Parameters
-        ----------
-        late : residual of the stamp, if it was one period [ns].
-        """
-        quiet = 1e9 * self.jitter < QUIET_JITTER * period
+    def _number(self, message: Message, late: float) -> int:
+        """Return how many periods passed since the message before; `late`: if it was one [s]."""
+        period = self.period
         if late <= ASKED * period:
             return 1
-        most = 1 + round(late / period)
-        sigma = SPREAD * 1e9 * self.jitter + 1.0
-        stamps = [
-            min(((late - n * period) / sigma) ** 2, DELAY_SQUARE) for n in range(COUNTED_PERIODS)
-        ]
-        shown = self._shown(names, positions, max(most, 2), stamps)
-        if shown:
-            self._lost += (float(shown > 1) - self._lost) / LOSS_MEMORY
-            return shown
-        if late <= LATE_PERIODS * period:
-            return 1
-        if (
-            self._lost > 0.5
-            and most <= COUNTED_PERIODS
-            and CLIPPED * 1e9 * self.jitter < LATE_PERIODS * period
-        ):
-            return most
-        off = abs(late - (most - 1) * period)
-        if quiet and most <= COUNTED_PERIODS and off < GRID_TOLERANCE * 1e9 * self.jitter + 1e3:
-            return most
-        return 1
-
-    # What the readings show
-
-    def _shown(
-        self, names: Sequence[str], positions: Sequence[float], most: int, stamps: Sequence[float]
-    ) -> int:
-        """Return how many periods passed, at most `most`, as the readings show; 0: they do not.
-
-        Parameters
-        ----------
-        stamps : by one less than their number, the squared deviation of the stamp.
-        """
-        shown, certainty = 0, SURE_MOTION
-        for name, position in zip(names, positions):
+        most = max(1 + round(late / period), 2)
+        sigma = SPREAD * self.jitter + 1e-9
+        clearest, certainty = None, SURE_MOTION
+        for name, reading in zip(*message[1:]):
             joint = self._joints.get(name)
-            if joint is None or joint.counts[1] < ESTABLISHED or math.isnan(position):
-                continue
-            residual = max(joint.squares[1], 1e-24) ** 0.5
-            sure = (most - 1) * abs(joint.speed) / residual
-            if sure <= certainty:
-                continue
-            certainty = sure
-            step, turn = position - joint.last, self._periods(name)
-            if most <= COUNTED_PERIODS:
-                shown = min(
-                    ((wrap(step - joint.after(n), turn) / residual) ** 2 + stamps[n - 1], n)
-                    for n in range(1, most + 1)
-                )[1]
-            else:
-                off = abs(wrap(step - joint.after(1), turn))
-                shown = 1 if off < 0.5 * SURE_MOTION * residual else most
-        return shown
+            if joint and joint.changes >= ESTABLISHED and not math.isnan(reading):
+                line = joint.prediction
+                shown = (most - 1) * abs(line.velocity) * period / math.sqrt(line.variance)
+                if shown > certainty:
+                    clearest, certainty = (joint, reading, self._periods(name)), shown
 
-    def _see(
-        self,
-        names: Sequence[str],
-        positions: Sequence[float],
-        steps: tuple[float, float],
-        number: int,
-    ) -> None:
-        """Follow the residuals of interpolation, in the stamps and in the fit."""
-        joints, before = self._joints, self._steps_ns
-        for name, position in zip(names, positions):
-            if math.isnan(position):
+        quiet = self.jitter < QUIET * period
+        loss = USUAL if quiet or self._lost > 0.5 else RARE
+
+        def unlikely(number: int) -> float:
+            square = min(((late - (number - 1) * period) / sigma) ** 2, DELAY)
+            square += loss if number > 1 else 0.0
+            if clearest is not None:
+                joint, reading, turn = clearest
+                line, dt = joint.prediction, number * period
+                missed = miss(line, dt, joint.change(reading, dt, turn)) / line.variance
+                square += min(missed, WILD) if number <= COUNTED else FAR
+            return square
+
+        if clearest is None:
+            return min((1, most), key=unlikely) if most <= COUNTED else 1
+        number = min(range(1, most + 1) if most <= COUNTED else (1, most), key=unlikely)
+        if late > 0.5 * period:
+            self._lost += ((number > 1) - self._lost) / LOSS_MEMORY
+        return number
+
+    def _see(self, message: Message, by_stamp: float, on_line: float) -> None:
+        """Let the readings judge the times since the message before, both in s."""
+        steps = max(by_stamp, 0.05 * self.period), max(on_line, 0.1 * self.period)
+        before, self._steps = self._steps, steps
+        for name, reading in zip(*message[1:]):
+            if math.isnan(reading):
                 continue
-            joint = joints.get(name)
+            joint = self._joints.get(name)
             if joint is None:
-                joint = joints[name] = _Joint()
-                joint.last = position
-                continue
-            usual = joint.after(number) if number > 1 else 0.0  # it may be more than half a turn
-            step = usual + wrap(position - joint.last - usual, self._periods(name))
-            if step or joint.step:
-                for i in (0, 1):
-                    if before[i] <= 0.0 or steps[i] <= 0.0 or abs(number) > COUNTED_PERIODS:
-                        continue
-                    part = before[i] / (before[i] + steps[i])
-                    residual = part * step - (1.0 - part) * joint.step
-                    change = residual - joint.residuals[i]
-                    joint.residuals[i] = residual
-                    square, mean = change * change, joint.squares[i]
-                    if square > WILD * mean > 0.0:
-                        square = WILD * mean
-                    joint.counts[i] = count = min(joint.counts[i] + 1.0, RESIDUAL_MEMORY)
-                    joint.squares[i] += (square - mean) / count
-            joint.step = step
-            error = step / max(number, 1) - joint.speed - joint.bend
-            joint.speed += joint.bend + SPEED_GAIN * error
-            joint.bend += BEND_GAIN * error
-            joint.last = position
-        self._steps_ns = steps if abs(number) <= COUNTED_PERIODS else (0.0, 0.0)
+                self._joints[name] = _Joint(reading)
+            else:
+                joint.see(reading, before, steps, self._periods(name))
 
     def _judge(self) -> None:
-        """Decide between the stamps and the fit."""
-        stamps = fit = 0.0
-        moves = False
-        for joint in self._joints.values():
-            at_stamps, at_fit = joint.squares
-            both = at_stamps + at_fit
-            if both > 0.0:
-                stamps += at_stamps / both
-                fit += at_fit / both
-                moves = moves or joint.step != 0.0
-        fit *= 1.0 + SLIPPED * self._slips
-        _, wander, power = self._wander
-        if wander > WANDERS * power:
+        """Decide between the stamps and the line."""
+        squares = [joint.squares for joint in self._joints.values() if all(joint.squares)]
+        stamps = sum(by_stamp / (by_stamp + on_line) for by_stamp, on_line in squares)
+        line = (len(squares) - stamps) * (1.0 + SLIPPED * self._slips)
+        if self._wander > WANDERS * self._power:
             stamps = 0.0
-        self._weight += moves
-        if self._weight < MOVING_MESSAGES:
-            return
-        sure = self.jitter < QUIET_JITTER * self.period or self._count * self.period >= FITTED
-        if self.state == LEFT_ALONE and sure and fit < FIT_BETTER * stamps:
+        self._moving += any(joint.step for joint in self._joints.values())
+        sure = self.jitter < QUIET * self.period or self._count * self.period >= FITTED
+        if self.state == LEFT_ALONE and sure and self._moving > MOVING and line < BETTER * stamps:
             self.state = REPAIRED
-        elif self.state == REPAIRED and fit > FIT_WORSE * stamps:
-            self.state, self._weight = LEFT_ALONE, -self._ban
-            self._ban *= 2.0
+        elif self.state == REPAIRED and line > WORSE * stamps:
+            self.state, self._moving = LEFT_ALONE, 0.0

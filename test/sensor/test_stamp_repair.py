@@ -267,7 +267,6 @@ def test_equal_readings_in_a_batch_are_not_one_message(speed):
 
 
 @pytest.mark.long
-@pytest.mark.xfail(strict=True, reason='the repair skips a sample a second: 1.8 times')
 def test_messages_in_batches():
     samples = recorded('sine')
     stamps = samples.stamps.copy()
