@@ -6,25 +6,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from estimator_pkg.models.mechanics import Array
+from estimator_pkg.models.mechanics import Array, Mechanics
 
 
-class Plant(Protocol):
-    """What is integrated: a model of ours, or a simulated joint."""
-
-    def acceleration(self, q: Any, v: Any, u: Any) -> Any:
-        """Return q'' of the shape of q."""
-
-
-def move(plant: Plant, q: Any, v: Any, u: Any, dt: Array | float, parts: int) -> tuple[Any, Any]:
+def move(plant: Any, q: Any, v: Any, u: Any, dt: Array | float, parts: int) -> tuple[Any, Any]:
     """Return positions and velocities after dt [s] with constant inputs u, in `parts` RK4 steps.
 
     Parameters
     ----------
+    plant : a model of ours, or a joint with its `acceleration`.
     q, v, u : numbers, or shape (..., n) and (..., m): any number of motions of a model of ours.
     dt : a number, or of shape (..., 1).
     """
@@ -44,7 +38,7 @@ def move(plant: Plant, q: Any, v: Any, u: Any, dt: Array | float, parts: int) ->
 
 
 def course(
-    plant: Plant, q: Array, v: Array, inputs: Array, steps: Array, parts: Iterable[int]
+    plant: Mechanics, q: Array, v: Array, inputs: Array, steps: Array, parts: Iterable[int]
 ) -> tuple[Array, Array]:
     """Return positions and velocities, shape (N + 1, ..., n): at the start and after each step.
 
