@@ -225,7 +225,7 @@ def _long(shape: tuple[int, ...]) -> list[int]:
 
 
 def text(values: Array) -> str:
-    """Return a vector as text."""
+    """Return a vector of shape (n,) as text."""
     return '(' + ', '.join(f'{value:.4g}' for value in values) + ')'
 
 
