@@ -48,9 +48,13 @@ def transposed(matrix: Array) -> Array:
 
 def vector(*entries: Any) -> Array:
     """Return the vector of these entries: numbers, or arrays of one shape."""
-    if not any(getattr(each, 'ndim', 0) for each in entries):  # quicker
+    arrays = [each for each in entries if getattr(each, 'ndim', 0)]
+    if not arrays:
         return np.array(entries, float)
-    return np.stack(np.broadcast_arrays(*entries), axis=-1)
+    found = np.empty((*arrays[0].shape, len(entries)))
+    for k, entry in enumerate(entries):
+        found[..., k] = entry
+    return found
 
 
 def matrix(*rows: tuple[Any, ...]) -> Array:
@@ -106,6 +110,7 @@ class Mechanics:
         if any(not 0 <= index < n for index in self.actuated):
             raise UsageError(f"model '{name}': 'actuated' names joint {max(self.actuated)} of {n}")
         self.inputs = len(self.actuated)
+        self._shapes = {'n': (n,), 'nn': (n, n), 'nm': (n, self.inputs)}
         self.periods = self._numbers('periods', TURN)
         self.centre = self._numbers('centre', 0.0)
         self.reach = self._numbers('reach', 1.0)
@@ -196,8 +201,7 @@ class Mechanics:
         """
         if at[0].ndim > 1 and not self.ours:
             return np.array([self._called(name, axes, function, *row) for row in zip(*at)])
-        sizes = {'n': self.degrees, 'm': self.inputs}
-        wanted = (*at[0].shape[:-1], *(sizes[axis] for axis in axes))
+        wanted = at[0].shape[:-1] + self._shapes[axes]
         try:
             found: Array = np.asarray(function(*at), float)
             if found.shape == wanted:
