@@ -152,7 +152,11 @@ class Mechanics:
 
     def force(self, q: Array, v: Array, u: Array) -> Array:
         """Return G u - dV/dq - F(v), shape (n,)."""
-        driven = apply(self._called('inputs', 'nm', self.model.inputs, q), u)
+        inputs = self.model.inputs(q) if self.ours else 0.0
+        if np.ndim(inputs) == 2:  # one G for all q is quicker
+            driven = u @ np.asarray(inputs).T
+        else:
+            driven = apply(self._called('inputs', 'nm', self.model.inputs, q), u)
         total = driven - self._called('gradient', 'n', self.model.gradient, q)
         return total - self._called('friction', 'n', self.model.friction, v) if self.dry else total
 
