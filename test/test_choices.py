@@ -13,7 +13,7 @@ from declaring import declaring
 from estimator_pkg import params_file, yaml_text
 from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.adaptive.observer import Gains
+from estimator_pkg.observers.adaptive.structure import Gains
 from estimator_pkg.parameters import build, declared, parse_assignments
 from estimator_pkg.streams.angle import AngleSettings
 

@@ -48,9 +48,13 @@ def transposed(matrix: Array) -> Array:
 
 def vector(*entries: Any) -> Array:
     """Return the vector of these entries: numbers, or arrays of one shape."""
-    if not any(getattr(each, 'ndim', 0) for each in entries):  # quicker
+    arrays = [each for each in entries if getattr(each, 'ndim', 0)]
+    if not arrays:
         return np.array(entries, float)
-    return np.stack(np.broadcast_arrays(*entries), axis=-1)
+    found = np.empty((*arrays[0].shape, len(entries)))
+    for k, entry in enumerate(entries):
+        found[..., k] = entry
+    return found
 
 
 def matrix(*rows: tuple[Any, ...]) -> Array:
@@ -106,6 +110,7 @@ class Mechanics:
         if any(not 0 <= index < n for index in self.actuated):
             raise UsageError(f"model '{name}': 'actuated' names joint {max(self.actuated)} of {n}")
         self.inputs = len(self.actuated)
+        self._shapes = {'n': (n,), 'nn': (n, n), 'nm': (n, self.inputs)}
         self.periods = self._numbers('periods', TURN)
         self.centre = self._numbers('centre', 0.0)
         self.reach = self._numbers('reach', 1.0)
@@ -147,7 +152,11 @@ class Mechanics:
 
     def force(self, q: Array, v: Array, u: Array) -> Array:
         """Return G u - dV/dq - F(v), shape (n,)."""
-        driven = apply(self._called('inputs', 'nm', self.model.inputs, q), u)
+        inputs = self.model.inputs(q) if self.ours else 0.0
+        if np.ndim(inputs) == 2:  # one G for all q is quicker
+            driven = u @ np.asarray(inputs).T
+        else:
+            driven = apply(self._called('inputs', 'nm', self.model.inputs, q), u)
         total = driven - self._called('gradient', 'n', self.model.gradient, q)
         return total - self._called('friction', 'n', self.model.friction, v) if self.dry else total
 
@@ -196,8 +205,7 @@ class Mechanics:
         """
         if at[0].ndim > 1 and not self.ours:
             return np.array([self._called(name, axes, function, *row) for row in zip(*at)])
-        sizes = {'n': self.degrees, 'm': self.inputs}
-        wanted = (*at[0].shape[:-1], *(sizes[axis] for axis in axes))
+        wanted = at[0].shape[:-1] + self._shapes[axes]
         try:
             found: Array = np.asarray(function(*at), float)
             if found.shape == wanted:
@@ -225,7 +233,7 @@ def _long(shape: tuple[int, ...]) -> list[int]:
 
 
 def text(values: Array) -> str:
-    """Return a vector as text."""
+    """Return a vector of shape (n,) as text."""
     return '(' + ', '.join(f'{value:.4g}' for value in values) + ')'
 
 

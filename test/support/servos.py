@@ -11,7 +11,8 @@ from scipy.linalg import expm
 
 from estimator_pkg.driver.adaptive import AdaptiveJoint
 from estimator_pkg.driver.efforts import DrivenSettings
-from estimator_pkg.observers.adaptive.observer import Adaptive, Gains
+from estimator_pkg.observers.adaptive.observer import Adaptive
+from estimator_pkg.observers.adaptive.structure import Gains
 from estimator_pkg.parameters import build
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Standard deviations of the adaptive observer's parameters, and whether the model fits the data.
+"""Standard deviations of the adaptive observer's parameters, and trust in the model.
 
 The observer sums, over the samples that it learnt from,
 

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The adaptation law: when the parameters adapt, how, and the sums for `evidence`.
+"""Adaptation law: when the parameters adapt, how, and the sums for `evidence`.
 
 psi, what multiplies the free parameters in an innovation, has shape (m,), and psi psi' (m, m).
 """

@@ -22,8 +22,8 @@ uses the a posteriori innovation, so it is stable for every gain and sample time
 Measurement: the angle [rad], unwrapped here because a spring needs it over several turns. Input: u
 over the interval that ends at the sample.
 
-Files: `state` the records, `structure` the parameters theta, `law` the adaptation law, `evidence`
-the standard deviations of the parameters, `report` the report for users.
+Files: `state` the records, `structure` the gains and the parameters theta, `law` the adaptation
+law, `evidence` the standard deviations of the parameters, `report` the report for users.
 
 Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers; corrections in
 docs/papers/adaptive.md.
@@ -32,7 +32,6 @@ docs/papers/adaptive.md.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -59,171 +58,19 @@ from estimator_pkg.observers.adaptive.law import (
     variance,
 )
 from estimator_pkg.observers.adaptive.state import Array, Coefficients, Design, State
-from estimator_pkg.observers.adaptive.structure import structure
+from estimator_pkg.observers.adaptive.structure import GRADIENT, PUBLISHED_FORM, Gains, structure
 from estimator_pkg.observers.angle.shared import variance_floor
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.least_squares import kept
 from estimator_pkg.observers.maths.linear import companion, response
-from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.sensor.convention import begin_convention, follow_convention, present
 from estimator_pkg.sensor.scatter import begin_scatter, follow_scatter, resume_scatter
 
-SAMPLED_FORM, PUBLISHED_FORM = 'sampled', 'paper'
-GRADIENT, LEAST_SQUARES = 'gradient', 'least_squares'
 CHECK_SAMPLES = 20  # samples between two checks of excitation and trust
 SLOW_POWER_RATIO = 9.0  # largest power of the slow innovation relative to that of the noise, ...
 MOTION_POWER_RATIO = 2e-4  # ... or to that of the motion: then the velocity is right to 3 %
 EXCITATION_MEMORY = 20.0  # time constant of the information matrix of the gate [s]
 LEAST_AVERAGE = 0.5  # shortest time over which both are averaged [s]
-
-
-@dataclass(frozen=True)
-class Gains:
-    """Parameters of `adaptive`."""
-
-    order: int = structural(
-        2,
-        range=(1, 6),
-        description='order of the plant from input to angle; 2: inertia, damping and spring',
-        equation='(1), observable canonical form',
-    )
-    form: str = structural(
-        SAMPLED_FORM,
-        choices=(SAMPLED_FORM, PUBLISHED_FORM),
-        description='sampled: filters exact for the sample time and a step that is stable for '
-        'every gain; paper: (11) to (13) by forward Euler, whose damping b/J has an error of '
-        'dt k/J',
-    )
-    law: str = structural(
-        LEAST_SQUARES,
-        choices=(LEAST_SQUARES, GRADIENT),
-        description='adaptation law: least squares needs no scaling and converges about a hundred '
-        "times faster than the paper's gradient (12)",
-    )
-    observer_poles: tuple[float, ...] | None = structural(
-        None,
-        unit='1/s',
-        kind=list,
-        range=(-1e6, -1e-6),
-        description='eigenvalues of A_c - K C, one per order: bandwidth of the filters; automatic: '
-        'from bandwidth_hz',
-    )
-    bandwidth_hz: float = structural(
-        5.0,
-        unit='Hz',
-        range=(1e-3, 1e4),
-        search=(0.5, 100.0),
-        description='magnitude of the observer poles where observer_poles is automatic; set it '
-        'well above the frequencies of the motion, and low enough to suppress the noise',
-    )
-    model_poles: tuple[float, ...] | None = structural(
-        None,
-        unit='1/s',
-        kind=list,
-        range=(-1e6, -1e-6),
-        description='eigenvalues of A_c, one per order: the plant that is assumed before '
-        'adaptation; automatic: half the observer poles',
-        equation='(2), (40)',
-    )
-    gamma: tuple[float, ...] = structural(
-        (1000.0,),
-        kind=list,
-        description='gain of the gradient: one number, one for each free parameter (about '
-        '1/mean square of its signal), or a positive definite matrix row by row',
-        equation='Gamma in (12)',
-    )
-    memory: float = parameter(
-        0.0,
-        unit='s',
-        range=(0.0, 1e9),
-        description='time constant, in time spent adapting, with which least squares forgets; the '
-        'variance never exceeds the initial one; 0: it forgets nothing',
-    )
-    load: bool = structural(
-        False,
-        description='learn a constant load (or an offset of the spring) too, as one more parameter '
-        'd<order>; without it a constant load biases the other parameters',
-    )
-    gravity: bool = structural(
-        False,
-        description='learn a torque proportional to the sine of the angle too (a pendulum or arm, '
-        'whose angle is 0 where it hangs), as one more parameter s<order>; set '
-        "known: ['k/J=0'] if there is no spring",
-    )
-    known: tuple[str, ...] = structural(
-        (),
-        description="parameters that are known, such as 'b1=0', 'k/J=0': l1.., b1.., d<order>, "
-        's<order>, and for order 2 b/J, k/J, Kv/J, load/J, mgl/J',
-    )
-    bounds: tuple[str, ...] = structural(
-        (), description="bounds of free parameters, such as 'b/J>=0', 'b2<=50'"
-    )
-    theta: tuple[float, ...] | None = structural(
-        None,
-        kind=list,
-        description='initial parameters, l1.. then b1.. (then d<order>, s<order>); automatic: zero',
-    )
-    adapt: bool = parameter(
-        True,
-        description='false freezes the parameters; the filters keep running, so that adaptation '
-        'resumes without a bump',
-    )
-    velocity: str = structural(
-        'full',
-        choices=('full', 'paper'),
-        description='full: C (A x + B u), correct once the innovation is zero; paper: (38), '
-        'which needs b1 = 0 and correct parameters',
-    )
-    gate: str = structural(
-        'noise',
-        choices=('noise', 'none'),
-        description='adapt only while the signals determine the parameters. noise: the '
-        'information matrix exceeds 100 times the one of measurement noise alone; none: adapt '
-        'always',
-    )
-    knock: float = structural(
-        5.0,
-        range=(0.0, 1e9),
-        description='an innovation larger than this multiple of its usual size is a knock from '
-        'outside: adaptation pauses until the filters have settled; 0: never',
-    )
-    moving_above: float = structural(
-        0.0,
-        unit='rad/s',
-        range=(0.0, 1e6),
-        description='adapt only while the joint moves faster: the model is not valid while dry '
-        'friction sticks; 0: always',
-    )
-    settle: float | None = parameter(
-        None,
-        unit='s',
-        kind=float,
-        range=(0.0, 1e6),
-        advanced=True,
-        description='time without adaptation after a start or a gap; automatic: five time '
-        'constants of the slowest observer pole',
-    )
-    torque_constant: float | None = parameter(
-        None,
-        unit='N m per unit of input',
-        kind=float,
-        range=(1e-9, 1e9),
-        description='Kv, if known (1 if the input is a torque): then J, b and k are reported too; '
-        'automatic: not known',
-    )
-    quantum: float = parameter(
-        0.0,
-        unit='rad',
-        range=(0.0, 10.0),
-        description='smallest step of the measurement (2 pi / counts); 0: not known',
-    )
-    noise: float | None = parameter(
-        None,
-        unit='rad',
-        range=(1e-12, 10.0),
-        description='standard deviation of the measurement noise, without quantisation; '
-        'automatic: estimated from third differences',
-    )
 
 
 def regressor(design: Design, y: float, u: float, one: float, sine: float) -> Array:

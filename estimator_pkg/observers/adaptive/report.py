@@ -19,9 +19,9 @@ from estimator_pkg.observers.adaptive.law import (
     injected,
     variance,
 )
-from estimator_pkg.observers.adaptive.observer import SLOW_POWER_RATIO, Adaptive, Gains
+from estimator_pkg.observers.adaptive.observer import SLOW_POWER_RATIO, Adaptive
 from estimator_pkg.observers.adaptive.state import Array, Coefficients, Design, State
-from estimator_pkg.observers.adaptive.structure import names_of, physical
+from estimator_pkg.observers.adaptive.structure import Gains, names_of, physical
 from estimator_pkg.observers.maths.linear import companion
 
 EXPLAINED = 0.9  # smallest predicted part of the acceleration's power for a trusted model
@@ -68,21 +68,6 @@ class Origin(NamedTuple):
     trusted: bool  # they were trusted when they were saved
 
 
-class _Free(NamedTuple):
-    """One free parameter of the plant: value, standard deviation, hidden error, scale."""
-
-    name: str
-    value: float
-    stddev: float
-    hidden: float
-    scale: float
-
-    @property
-    def is_known(self) -> bool:
-        error = math.hypot(self.stddev, self.hidden)
-        return bool(error <= SMALL_ERROR * abs(self.value) or error <= ZERO_ERROR * self.scale)
-
-
 def report(
     gains: Gains,
     design: Design,
@@ -106,16 +91,22 @@ def report(
     if evidence is not None and not supplied:
         verdict = _verdict(design, state, dt, evidence)
     covariance = _covariance(design, verdict, supplied, origin)
-    sigma = np.sqrt(np.diag(covariance)).tolist()
+    sigma, scale, precise = _precision(design, state.plant, covariance, verdict)
     ratios = physical(names, design.model)
-    free = _free(design, names, theta, sigma, ratios, verdict)
-    why_not = _doubt(gains, state.trusted, adapted, supplied, verdict, list(free.values()))
+    why_not = _doubt(state, supplied, verdict)
+    if not why_not and not supplied:
+        own = {place: name for name, (place, *_) in ratios.items()}
+        vague = [own.get(i, names[i]) for i in design.free if not precise[i]]
+        why_not = _unphysical(design, state.plant, bool(ratios), gains, sigma, scale)
+        if vague and not why_not:
+            much = f'{100.0 * SMALL_ERROR:.0f} %'
+            why_not = f'the error of {", ".join(vague)} may be larger than {much}'
     if supplied and origin is not None and not origin.trusted:
         why_not = 'they were not trusted when they were saved'
     # one bad parameter does not make the others bad, but a model that does not fit does
     fits = not why_not or (verdict is not None and _fits(verdict))
     known = [
-        (supplied and not why_not) or i not in free or (fits and free[i].is_known)
+        (supplied and not why_not) or i not in design.free or (fits and precise[i])
         for i in range(len(names))
     ]
     parameters = [
@@ -201,44 +192,28 @@ def _covariance(
     return covariance
 
 
-def _free(
-    design: Design,
-    names: tuple[str, ...],
-    theta: list[float],
-    sigma: list[float],
-    ratios: dict,
-    verdict: Assessment | None,
-) -> dict[int, _Free]:
-    """Return the free parameters by their index in theta, under the plant's own names."""
-    found = {}
-    for k, place in enumerate(design.free):
-        name = next((own for own, (at, *_) in ratios.items() if at == place), names[place])
-        value = theta[place] + (design.model[place] if place < design.order else 0.0)
-        if name in ratios:
-            value = ratios[name][1] + ratios[name][2] * theta[place]
-        hidden, scale = (
-            (0.0, 0.0) if verdict is None else (float(verdict.hidden[k]), float(verdict.scale[k]))
-        )
-        found[place] = _Free(name, value, sigma[place], hidden, scale)
-    return found
+def _precision(
+    design: Design, theta: Array, covariance: Array, verdict: Assessment | None
+) -> tuple[list[float], Array, list[bool]]:
+    """Return standard deviations, scales (see `Assessment`), and whether the error is small."""
+    plant, sigma = theta.copy(), np.sqrt(np.diag(covariance))
+    plant[: design.order] += design.model
+    hidden, scale = np.zeros_like(plant), np.zeros_like(plant)
+    if verdict is not None:
+        hidden[design.free], scale[design.free] = verdict.hidden, verdict.scale
+    allowed = np.maximum(SMALL_ERROR * np.abs(plant), ZERO_ERROR * scale)
+    return sigma.tolist(), scale, (np.hypot(sigma, hidden) <= allowed).tolist()
 
 
 def _fits(verdict: Assessment) -> bool:
     return verdict.noise_only or verdict.explained >= EXPLAINED
 
 
-def _doubt(
-    gains: Gains,
-    observer_trusts: bool,
-    adapted: float,
-    supplied: bool,
-    verdict: Assessment | None,
-    free: list[_Free],
-) -> str:
-    """Return why the parameters are not trusted; '' if they are."""
+def _doubt(state: State, supplied: bool, verdict: Assessment | None) -> str:
+    """Return why no parameter is trusted; '' if some may be."""
     if supplied:
-        return '' if observer_trusts else 'the innovation is larger than noise explains'
-    if adapted == 0.0:
+        return '' if state.trusted else 'the innovation is larger than noise explains'
+    if state.adapted == 0.0:
         return 'nothing was learnt'
     if verdict is None:
         return 'too little was learnt, or the signals do not determine the parameters'
@@ -247,15 +222,21 @@ def _doubt(
             f'the model predicts {100.0 * max(0.0, verdict.explained):.0f} % of the '
             f'acceleration: at least {100.0 * EXPLAINED:.0f} % are needed'
         )
-    by_name = {own.name: own for own in free}
-    damping, gain = by_name.get('b/J'), by_name.get('Kv/J')
-    if damping and damping.value < -SIGN_SIGMAS * damping.stddev - ZERO_ERROR * damping.scale:
+    return ''
+
+
+def _unphysical(
+    design: Design, theta: Array, has_ratios: bool, gains: Gains, sigma: list[float], scale: Array
+) -> str:
+    """Return why the parameters are not those of a servo; '' if they may be."""
+    damping, gain = -design.model[0] - float(theta[0]), 3  # b/J, and the place of Kv/J
+    if not has_ratios:
+        return ''
+    if 0 in design.free and damping < -SIGN_SIGMAS * sigma[0] - ZERO_ERROR * float(scale[0]):
         return 'the damping b/J is negative'
-    if gain and gains.torque_constant is not None and gain.value <= SIGN_SIGMAS * gain.stddev:
+    known = gains.torque_constant is not None
+    if known and gain in design.free and theta[gain] <= SIGN_SIGMAS * sigma[gain]:
         return 'the inertia may be negative: does the input have the right sign?'
-    vague = [own.name for own in free if not own.is_known]
-    if vague:
-        return f'the error of {", ".join(vague)} may be larger than {100.0 * SMALL_ERROR:.0f} %'
     return ''
 
 

@@ -1,34 +1,186 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parameters theta of the observer `adaptive`: names, known values, bounds, and matrices."""
+"""The gains of the observer `adaptive`, and its theta: names, known values, bounds, matrices."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers.adaptive.state import Array, Design
 from estimator_pkg.observers.maths.linear import companion
+from estimator_pkg.parameters import parameter, structural
 
+SAMPLED_FORM, PUBLISHED_FORM = 'sampled', 'paper'
+GRADIENT, LEAST_SQUARES = 'gradient', 'least_squares'
 _CONSTRAINT = re.compile(r'\s*([\w/]+)\s*(=|>=|<=)\s*(\S+)\s*')
 POLE_RATIO = 1.1  # of two automatic poles, for good conditioning
 START_VARIANCE = 1e4  # of P, per variance of the measurement and power of the poles' pace
 
 
-def names_of(gains: Any) -> tuple[str, ...]:
+@dataclass(frozen=True)
+class Gains:
+    """Parameters of `adaptive`."""
+
+    order: int = structural(
+        2,
+        range=(1, 6),
+        description='order of the plant from input to angle; 2: inertia, damping and spring',
+        equation='(1), observable canonical form',
+    )
+    form: str = structural(
+        SAMPLED_FORM,
+        choices=(SAMPLED_FORM, PUBLISHED_FORM),
+        description='sampled: filters exact for the sample time and a step that is stable for '
+        'every gain; paper: (11) to (13) by forward Euler, whose damping b/J has an error of '
+        'dt k/J',
+    )
+    law: str = structural(
+        LEAST_SQUARES,
+        choices=(LEAST_SQUARES, GRADIENT),
+        description='adaptation law: least squares needs no scaling and converges about a hundred '
+        "times faster than the paper's gradient (12)",
+    )
+    observer_poles: tuple[float, ...] | None = structural(
+        None,
+        unit='1/s',
+        kind=list,
+        range=(-1e6, -1e-6),
+        description='eigenvalues of A_c - K C, one per order: bandwidth of the filters; automatic: '
+        'from bandwidth_hz',
+    )
+    bandwidth_hz: float = structural(
+        5.0,
+        unit='Hz',
+        range=(1e-3, 1e4),
+        search=(0.5, 100.0),
+        description='magnitude of the observer poles where observer_poles is automatic; set it '
+        'well above the frequencies of the motion, and low enough to suppress the noise',
+    )
+    model_poles: tuple[float, ...] | None = structural(
+        None,
+        unit='1/s',
+        kind=list,
+        range=(-1e6, -1e-6),
+        description='eigenvalues of A_c, one per order: the plant that is assumed before '
+        'adaptation; automatic: half the observer poles',
+        equation='(2), (40)',
+    )
+    gamma: tuple[float, ...] = structural(
+        (1000.0,),
+        kind=list,
+        description='gain of the gradient: one number, one for each free parameter (about '
+        '1/mean square of its signal), or a positive definite matrix row by row',
+        equation='Gamma in (12)',
+    )
+    memory: float = parameter(
+        0.0,
+        unit='s',
+        range=(0.0, 1e9),
+        description='time constant, in time spent adapting, with which least squares forgets; the '
+        'variance never exceeds the initial one; 0: it forgets nothing',
+    )
+    load: bool = structural(
+        False,
+        description='learn a constant load (or an offset of the spring) too, as one more parameter '
+        'd<order>; without it a constant load biases the other parameters',
+    )
+    gravity: bool = structural(
+        False,
+        description='learn a torque proportional to the sine of the angle too (a pendulum or arm, '
+        'whose angle is 0 where it hangs), as one more parameter s<order>; set '
+        "known: ['k/J=0'] if there is no spring",
+    )
+    known: tuple[str, ...] = structural(
+        (),
+        description="parameters that are known, such as 'b1=0', 'k/J=0': l1.., b1.., d<order>, "
+        's<order>, and for order 2 b/J, k/J, Kv/J, load/J, mgl/J',
+    )
+    bounds: tuple[str, ...] = structural(
+        (), description="bounds of free parameters, such as 'b/J>=0', 'b2<=50'"
+    )
+    theta: tuple[float, ...] | None = structural(
+        None,
+        kind=list,
+        description='initial parameters, l1.. then b1.. (then d<order>, s<order>); automatic: zero',
+    )
+    adapt: bool = parameter(
+        True,
+        description='false freezes the parameters; the filters keep running, so that adaptation '
+        'resumes without a bump',
+    )
+    velocity: str = structural(
+        'full',
+        choices=('full', 'paper'),
+        description='full: C (A x + B u), correct once the innovation is zero; paper: (38), '
+        'which needs b1 = 0 and correct parameters',
+    )
+    gate: str = structural(
+        'noise',
+        choices=('noise', 'none'),
+        description='adapt only while the signals determine the parameters. noise: the '
+        'information matrix exceeds 100 times the one of measurement noise alone; none: adapt '
+        'always',
+    )
+    knock: float = structural(
+        5.0,
+        range=(0.0, 1e9),
+        description='an innovation larger than this multiple of its usual size is a knock from '
+        'outside: adaptation pauses until the filters have settled; 0: never',
+    )
+    moving_above: float = structural(
+        0.0,
+        unit='rad/s',
+        range=(0.0, 1e6),
+        description='adapt only while the joint moves faster: the model is not valid while dry '
+        'friction sticks; 0: always',
+    )
+    settle: float | None = parameter(
+        None,
+        unit='s',
+        kind=float,
+        range=(0.0, 1e6),
+        advanced=True,
+        description='time without adaptation after a start or a gap; automatic: five time '
+        'constants of the slowest observer pole',
+    )
+    torque_constant: float | None = parameter(
+        None,
+        unit='N m per unit of input',
+        kind=float,
+        range=(1e-9, 1e9),
+        description='Kv, if known (1 if the input is a torque): then J, b and k are reported too; '
+        'automatic: not known',
+    )
+    quantum: float = parameter(
+        0.0,
+        unit='rad',
+        range=(0.0, 10.0),
+        description='smallest step of the measurement (2 pi / counts); 0: not known',
+    )
+    noise: float | None = parameter(
+        None,
+        unit='rad',
+        range=(1e-12, 10.0),
+        description='standard deviation of the measurement noise, without quantisation; '
+        'automatic: estimated from third differences',
+    )
+
+
+def names_of(gains: Gains) -> tuple[str, ...]:
     """Return the names of all parameters in the order of theta, shape (p,)."""
     places = [str(i + 1) for i in range(gains.order)]
     ends = ('d',) * gains.load + ('s',) * gains.gravity
     return (*map('l'.__add__, places), *map('b'.__add__, places), *(x + places[-1] for x in ends))
 
 
-def structure(gains: Any) -> Design:
+def structure(gains: Gains) -> Design:
     """Return poles, parameters and matrices of an observer with these `Gains`.
 
     Raises
@@ -74,7 +226,7 @@ def structure(gains: Any) -> Design:
     return made
 
 
-def _constrain(made: Design, gains: Any, names: tuple[str, ...]) -> None:
+def _constrain(made: Design, gains: Gains, names: tuple[str, ...]) -> None:
     """Set which parameters are free, the values of the others, and the bounds."""
     low, high = np.full(len(names), -math.inf), np.full(len(names), math.inf)
     fixed: dict[int, float] = {}

@@ -13,7 +13,7 @@ chain without knowing Z. From them the discrete state Z follows in one of two wa
 run in Python with numpy, because users write the model; they find it as `observer.model`.
 
 Files: `state` the records, `stages` the continuous part, `velocity` the published velocity,
-`events` and `regression` the discrete part.
+`discrete` the discrete part.
 
 Barbot, Djemai, Manamanni: State observer and observability conditions for a class of hybrid
 continuous-discrete dynamic system (2007); corrections in docs/papers/hybrid_discrete.md.
@@ -36,9 +36,9 @@ from estimator_pkg.models.switched import OUR_MODELS, SwitchedModel, check, load
 from estimator_pkg.observers.angle.shared import variance_floor
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.least_squares import kept
-from estimator_pkg.observers.switched import events
+from estimator_pkg.observers.switched import discrete as discrete_part
 from estimator_pkg.observers.switched import state as records
-from estimator_pkg.observers.switched.regression import (
+from estimator_pkg.observers.switched.discrete import (
     FILTER_RATE,
     FORGOTTEN,
     UNKNOWN_VARIANCE,
@@ -48,13 +48,12 @@ from estimator_pkg.observers.switched.regression import (
     resting,
     signals,
 )
-from estimator_pkg.observers.switched.stages import climb, gates_open
+from estimator_pkg.observers.switched.stages import climb, gates_open, stage
 from estimator_pkg.observers.switched.state import (
     Coefficients,
     Design,
     OutputDeviations,
     OutputEstimates,
-    Stage,
     State,
     is_sound,
 )
@@ -69,7 +68,6 @@ from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter, resume_scatter
 
-LAMBDA, ALPHA = 1.5, 1.1  # lambda = 1.5 sqrt(L), alpha = 1.1 L
 LOCKED = 0.3  # longest settling time of the stages after a start [s]
 LARGEST_JUMP = 0.125  # of a turn: a larger one is no motion, the encoder was stuck or reset
 MISFIT = 9.0  # largest power of the regression's residual relative to that of noise
@@ -164,13 +162,6 @@ class Gains:
     )
 
 
-def stage(bound: float) -> Stage:
-    """Return a stage for a derivative within `bound`."""
-    made = Stage()
-    made.gain, made.alpha = LAMBDA * math.sqrt(bound), ALPHA * bound
-    return made
-
-
 def begin_motion(observer: Any, state: State, design: Design, measurement: OutputReadings) -> None:
     """Set everything that depends on motion and Z, both unknown."""
     model, y = observer.model, tuple(map(float, measurement))
@@ -229,8 +220,8 @@ class Switched(Observer):
     Coefficients: TypeAlias = records.Coefficients
     State: TypeAlias = records.State
     model: SwitchedModel
-    discrete = staticmethod(events.discrete)
-    jump = staticmethod(events.jump)
+    discrete = staticmethod(discrete_part.discrete)
+    jump = staticmethod(discrete_part.jump)
 
     @staticmethod
     def design(gains: Gains, circle: Circle) -> Design:
@@ -319,7 +310,7 @@ class Switched(Observer):
             climb(state, design, i, change, h)
         y = tuple(before + change for before, change in zip(state.y, jumps))
         if design.filtered:
-            z, _, converged = events.discrete(state, design)
+            z, _, converged = discrete_part.discrete(state, design)
             observe(model, state, coefficients, y, u, np.array(z) if converged else state.used)
         state.u[:] = u
         state.dt = h
@@ -349,7 +340,7 @@ class Switched(Observer):
         known_input: Sequence[float],
     ) -> None:
         """Set the estimate of all outputs at the last measurement."""
-        z, _, converged = events.discrete(state, design)
+        z, _, converged = discrete_part.discrete(state, design)
         found = motions(observer.model, state, design, z, converged)
         out.position = [
             present(convention, position, design.period, design.unwrap)
@@ -389,7 +380,7 @@ class Switched(Observer):
         measurement: OutputReadings,
     ) -> None:
         """Continue after a gap: positions from the measurement; keep speeds and Z."""
-        old, shown = State(), events.discrete(state, design)[0]
+        old, shown = State(), discrete_part.discrete(state, design)[0]
         old.take(state)
         begin_motion(observer, state, design, measurement)
         for i, reading in enumerate(map(float, measurement)):
@@ -423,7 +414,7 @@ class Switched(Observer):
 
         The interval of the velocity covers that, but Z is not the plant's.
         """
-        if not (design.regression and events.discrete(state, design)[2]):
+        if not (design.regression and discrete_part.discrete(state, design)[2]):
             return ''
         noise = max(noise_variance(design, scatter) for scatter in state.scatters)
         if state.power <= MISFIT * noise:

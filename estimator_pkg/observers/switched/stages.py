@@ -5,11 +5,22 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from estimator_pkg.models.switched import SwitchedModel
 from estimator_pkg.observers.maths.twisting import implicit_step
-from estimator_pkg.observers.switched.state import Design, State
+from estimator_pkg.observers.switched.state import Design, Stage, State
+
+LAMBDA, ALPHA = 1.5, 1.1  # lambda = 1.5 sqrt(L), alpha = 1.1 L
+
+
+def stage(bound: float) -> Stage:
+    """Return a stage for a derivative within `bound`."""
+    made = Stage()
+    made.gain, made.alpha = LAMBDA * math.sqrt(bound), ALPHA * bound
+    return made
 
 
 def climb(state: State, design: Design, i: int, jump: float, h: float) -> None:

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The published position and velocity: from extended observers, or from the cascade.
+"""Published velocity, and position: from extended observers, or from the cascade.
 
 A stage of super-twisting bounds the change of the velocity by L. If the encoder's quantum is q, the
 stage responds to each quantum with a jump of L dt. Its error is then about sqrt(L q) and it lags by

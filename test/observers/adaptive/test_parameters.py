@@ -68,7 +68,7 @@ def scores(seeds, **case):
 @pytest.mark.parametrize(
     'case',
     [
-        {'disturbance': 0.3},
+        {'disturbance': 0.3, 'seconds': 12.0},
         pytest.param({'counts': 256}, marks=pytest.mark.slow),
         pytest.param({'noise': 2e-2}, marks=pytest.mark.slow),
     ],
@@ -198,11 +198,11 @@ def test_nothing_is_learnt_below_a_speed():
     u = excited(15000, hold=300, size=1.5)
     angles, velocity = pendulum(u)
     adapted = []
-    for above in (0.0, 1.0, 1e3):
+    for above in (1.0, 1e3):
         made = joint(gravity=True, known=('b1=0', 'k/J=0'), moving_above=above)
         feed(made, angles, u)
         adapted.append(made.report().adapted)
-    assert adapted[0] > 14.0 and 2.0 < adapted[1] < 12.0 and adapted[2] == 0.0
+    assert 2.0 < adapted[0] < 12.0 and adapted[1] == 0.0
 
 
 def test_blocks_merge_and_forget():
