@@ -5,8 +5,6 @@
 
 import math
 
-import pytest
-
 from estimator_pkg import observers
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.bank import Bank
@@ -66,20 +64,19 @@ def test_without_efforts_the_adaptive_observer_counts_and_says_why():
     assert (one.without_input, one.mismatched) == (1, 1)
     found = one.take(START_NS, ('a', 'b'), (0.0, 0.0), (1.0, math.nan))
     assert found.estimates[0] is not None and found.estimates[1] is None
-    assert one.unknown == {'b'} and one.why_silent('a') == '' and one.why_silent('b')
+    assert one.why_silent('a') == '' and one.why_silent('b')
     assert one.joint('b').dropped() == {'non_finite': 1}
     one.take(START_NS + MS, ('b',), (0.0,), (1.0,))
-    assert one.unknown == set() and one.joint('b').used == 1
+    assert one.why_silent('b') == '' and one.joint('b').used == 1
     one.take(START_NS + 2 * MS, ('b',), (0.0,), (math.inf,))
     one.forget('b')
-    assert one.unknown == set() and list(one.joints) == ['a']
+    assert list(one.joints) == ['a']
 
 
-@pytest.mark.parametrize('only, kept', [((), 2), (('a',), 1)])
-def test_commands_of_too_many_names_are_not_kept(only, kept):
-    one = adaptive(only=only, source=EFFORT_COMMAND, most=2)
+def test_a_command_is_of_use_once_its_joint_has_a_position():
+    one = adaptive(source=EFFORT_COMMAND, most=2)
     one.command(START_NS, ('a', 'b', 'c', 'd'), (1.0,) * 4)
-    assert len(one._acting) == kept
+    assert one.take(START_NS, ('a',), (0.0,), ()).estimates == [None] and list(one.joints) == ['a']
+    one.command(START_NS, ('a', 'b', 'c', 'd'), (1.0,) * 4)
     found = one.take(START_NS + MS, ('a',), (0.0,), ())
     assert found.estimates[0] is not None and one.without_input == 0
-    assert adaptive(source=EFFORT_COMMAND).take(START_NS, ('a',), (0.0,), ()).estimates == [None]
