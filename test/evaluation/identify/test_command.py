@@ -122,7 +122,7 @@ def of_crane(seed):
 @pytest.mark.parametrize(
     'of, seeds',
     [
-        (of_joint, 4),
+        (of_joint, 2),
         pytest.param(of_joint, 12, marks=pytest.mark.slow),
         pytest.param(of_cart, 10, marks=pytest.mark.slow),
         pytest.param(of_leg, 12, marks=pytest.mark.slow),
