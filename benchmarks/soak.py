@@ -123,7 +123,7 @@ def soak(minutes: float) -> list[dict[str, Any]]:
     ):
         path = str(Path(folder) / 'counts')
         np.zeros(len(COUNTED), np.int64).tofile(path)
-        witness.stdout.readline()  # type: ignore[union-attr]  # it listens
+        assert witness.stdout and witness.stdout.readline()  # it listens
         meter, end = psutil.Process(observer.pid), time.monotonic() + 60.0 * minutes
 
         def wait(seconds: float) -> None:

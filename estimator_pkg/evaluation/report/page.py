@@ -118,7 +118,7 @@ def _rows(comparison: Comparison) -> dict[str, list[Row]]:
 
 
 def _best(comparison: Comparison, rows: Mapping[str, Sequence[Row]]) -> dict[str, Row]:
-    """Return the best row of each joint, among the rows that the user asked for."""
+    """Return the best row of each joint. The raw difference does not count."""
     found = {}
     for joint, own in rows.items():
         asked = [row for row in own if row is not comparison.raw.get(joint)]
